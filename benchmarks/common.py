@@ -26,7 +26,7 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
 from drivers.modbus.tls import LinkTls
 from drivers.modbus.wire import PymodbusWire
-from lift_manager.app import Building, build
+from lift_manager.app import ManagerParts, build
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lift.config import LiftConfig
@@ -56,7 +56,7 @@ _IDLE = {FLOOR: 1, MOTION: 1, DOOR: 1, MODE: 1, BITS: 0b101}
 _GRANTED = 0b10
 
 
-def building(ports: list[int], poll_s: float) -> Building:
+def building(ports: list[int], poll_s: float) -> ManagerParts:
     """Return a read-only manager of one lift at each port, built as from a site file."""
     lift = {"floors": FLOORS, "poll_s": poll_s}
     site = Site.model_validate(

@@ -26,7 +26,7 @@ import uvloop
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
 from benchmarks import common
-from lift_manager.app import Building
+from lift_manager.app import ManagerParts
 from lift_manager.runtime.bus import StateChanged
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
@@ -167,7 +167,7 @@ def _clients(port: int, lifts: list[str], plan: Plan, pipe: Connection) -> None:
         pipe.send(runner.run(play()))
 
 
-async def _publish(building: Building, rate: float, until: float) -> int:
+async def _publish(building: ManagerParts, rate: float, until: float) -> int:
     """Let a lift change so many times a second; when that was is in the event."""
     loop, site = asyncio.get_running_loop(), building.site
     state = site.state(site.lift_names()[0])

@@ -27,7 +27,7 @@ from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.chain import canonical
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened
+from lift_manager.store.site import open_store
 
 LIMIT_S = 300.0
 ROW = Row(
@@ -79,7 +79,7 @@ async def bare(folder: Path) -> AsyncIterator[Press]:
 @contextlib.asynccontextmanager
 async def store(folder: Path) -> AsyncIterator[Press]:
     """The same row by `before` of the store, with its number, its hash and a record."""
-    kept = opened(folder / "site.db", "benchmark", ["east"], Limits(400, 500))
+    kept = open_store(folder / "site.db", "benchmark", ["east"], Limits(400, 500))
     running = asyncio.ensure_future(kept.run(print))
 
     async def press() -> None:

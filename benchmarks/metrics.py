@@ -22,7 +22,7 @@ import uvloop
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
 from benchmarks import common
-from lift_manager.app import Building
+from lift_manager.app import ManagerParts
 
 POLL_S = 0.1
 SETTLE_S = 2.0
@@ -58,13 +58,13 @@ async def _core(seconds: float) -> float:
     return (time.process_time() - cpu) / (time.monotonic() - began)
 
 
-async def _scrape(building: Building, every_s: float) -> None:
+async def _scrape(building: ManagerParts, every_s: float) -> None:
     while True:
         await building.metrics.scrape(ACCEPT["OpenMetrics"])
         await asyncio.sleep(every_s)
 
 
-async def _alone(building: Building, name: str, accept: str) -> None:
+async def _alone(building: ManagerParts, name: str, accept: str) -> None:
     took_s, turns_s, body = [], [], b""
     for _ in range(ALONE):
         began = time.process_time()
@@ -83,7 +83,7 @@ async def _alone(building: Building, name: str, accept: str) -> None:
 
 
 @contextlib.asynccontextmanager
-async def _running(building: Building) -> AsyncIterator[None]:
+async def _running(building: ManagerParts) -> AsyncIterator[None]:
     async with asyncio.TaskGroup() as group:
         tasks = [group.create_task(link.run()) for link in building.links]
         tasks.append(group.create_task(building.life.run()))

@@ -1,4 +1,4 @@
-"""The one place where the parts of a running manager are put together, and taken apart again."""
+"""Assembles the parts of a running manager, runs them, and stops them in order."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from lift_manager.runtime.recorder import Clock, MemoryRecorder, Recorder, wall_
 from lift_manager.runtime.site import Site
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
-from lift_manager.systemd import notifier, watch
+from lift_manager.systemd import notifier, report_to_systemd
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.limits import connections_limit
@@ -59,42 +59,42 @@ from register_maps.schema import LinkDefaults
 
 _log = logging.getLogger(__name__)
 
-FIRST_LOOK_S = 1.0
-"""How long the first answer to a client may wait for the first reading of every lift. Chosen: a controller that is there answers in
-a fraction of it, and nobody waits longer for one that is not."""
+FIRST_READING_S = 1.0
+"""How long the web server waits for the first reading of every lift. Chosen: a reachable controller answers in a fraction of it, and
+nobody waits longer for one that is not."""
 
 RELEASE_WITHIN_S = 3.0
-"""How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out. Chosen: on a busy
-computer of two cores the interpreter needs more than a second to clear up."""
+"""How long shutdown waits for outputs to be released and verified, of the 5 s in which the process must exit. Chosen: on a busy
+computer with two cores the interpreter needs more than a second to exit."""
 
 RELEASE_AFTER_CLEARING_S = 0.8
-"""The same after the wait for a robot that may be in a doorway (`lift.session.CLEAR_AT_STOP_S`)."""
+"""The same limit after the wait for a robot that may be in a doorway (`lift.session.CLEAR_AT_STOP_S`)."""
 
-REMIND_EVERY_S = 86400.0
-"""Chosen: whoever reads the log finds it, and does not find much else."""
+WARN_EVERY_S = 86400.0
+"""Chosen: often enough to be found in the log, and rarely enough not to fill it."""
 
-LOOK_EVERY_S = 1.0
-"""How often the files of HTTPS are looked at. Chosen: nobody waits longer for a certificate that was just renewed."""
+CHECK_EVERY_S = 1.0
+"""How often the files of HTTPS are checked. Chosen: a renewed certificate is used within a second."""
 
-LOOK_WITHIN_S = 10.0
-"""Chosen: a disk that takes longer is told of."""
+CHECK_WITHIN_S = 10.0
+"""Chosen: a disk that takes longer is reported."""
 
-REMEMBER_WITHIN_S = 0.5
-"""How long the end may wait beyond that for the disk, while the web server closes: writing began with the release."""
+FLUSH_WITHIN_S = 0.5
+"""How long shutdown waits for the disk after that, while the web server closes; writing began with the release."""
 
 
 @dataclass(frozen=True, slots=True)
 class Faces:
-    """What is particular to how others reach a manager."""
+    """Settings of the northbound interfaces."""
 
     keys: KeyFile | None = None
-    """Of the API; none are asked for without."""
+    """Keys of the API; None if it needs none."""
     rmf: RosSettings | None = None
-    """Where its lifts are those of Open-RMF; nowhere without."""
+    """The RMF domain to join; None for none."""
 
 
 @dataclass(frozen=True, slots=True)
-class Building:
+class ManagerParts:
     """The parts of a running manager."""
 
     site: Site
@@ -104,21 +104,23 @@ class Building:
     recorder: Recorder
     links: tuple[Link, ...]
     sources: SiteLinks
-    """What faces know of the links."""
+    """The links, for faces."""
     metrics: Metrics
     bus: Bus[Event]
-    """What happens is published here; faces listen through the site."""
+    """Carries all events; faces subscribe through the site."""
 
 
-def over_network(folder: Path) -> Callable[[Controller], Wire]:
-    """Make wires as a site file says, with TLS and without; `folder` is that of the file."""
+def network_wires(folder: Path) -> Callable[[Controller], Wire]:
+    """Return a factory of wires as configured in a site file, with or without TLS; `folder` is that of the file."""
 
-    @cache  # one for all connections of a link: it remembers what it has read
+    @cache  # one for all connections of a link: it caches the files
     def tls_of(controller: Controller) -> LinkTls | None:
-        if (said := controller.tls) is None:
+        if (tls_settings := controller.tls) is None:
             return None
-        ca, certificate, key = (path_of(folder, file) for file in (said.ca, said.certificate, said.key))
-        return LinkTls(ca=ca, certificate=certificate, key=key, server_name=said.server_name)
+        ca, certificate, key = (
+            path_of(folder, file) for file in (tls_settings.ca, tls_settings.certificate, tls_settings.key)
+        )
+        return LinkTls(ca=ca, certificate=certificate, key=key, server_name=tls_settings.server_name)
 
     return lambda controller: PymodbusWire(controller.host, controller.port, tls=tls_of(controller))
 
@@ -129,14 +131,14 @@ def build(
     *,
     recorder: Recorder | None = None,
     clock: Clock | None = None,
-) -> Building:
-    """Make one link per controller, over the network unless told otherwise, and hand it to the lifts on it.
+) -> ManagerParts:
+    """Assemble a manager, with one link per controller for all its lifts, over the network by default.
 
-    Without a recorder a restart forgets sessions, what people decided, and what was done.
+    Without a recorder, a restart loses sessions, decisions of people, and the journal.
     """
     recorder = recorder or MemoryRecorder()
     clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
-    make_wire = make_wire or over_network(loaded.path.parent)
+    make_wire = make_wire or network_wires(loaded.path.parent)
     bus: Bus[Event] = Bus()
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
     actors = tuple(
@@ -147,11 +149,11 @@ def build(
     life = SiteLife(site, actors)
     sources = SiteLinks(links)
     metrics = Metrics(site, life, sources, version=running_version())
-    return Building(site, life, actors, recorder, tuple(links.values()), sources, metrics, bus)
+    return ManagerParts(site, life, actors, recorder, tuple(links.values()), sources, metrics, bus)
 
 
 def lift_config(name: str, loaded: LoadedSite, driver: LiftDriver) -> LiftConfig:
-    """Return what site file and map say about a lift."""
+    """Return the configuration of a lift from site file and map."""
     spec, doors = loaded.site.lifts[name], driver.capabilities.doors
     return LiftConfig(
         name=name,
@@ -187,22 +189,22 @@ async def run(
     recorder: Recorder | None = None,
     faces: Faces | None = None,
 ) -> bool:
-    """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go.
+    """Serve a site on a listening socket until `stop` is set; returns whether the release of every output was verified.
 
-    Raises ControllerTaken, LockUnusable, ListenError for certificates that cannot be used, or DdsError, before anything is begun.
+    Raises ControllerTaken, LockUnusable, ListenError for unusable certificates, or DdsError, before anything starts.
     """
     faces = faces or Faces()
-    tls = _https(loaded)
+    tls = _server_certificates(loaded)
     with ExitStack() as ends:
         for controller in loaded.controllers.values():
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
-        building = build(loaded, recorder=recorder)
-        systemd, site, life = notifier(), building.site, building.life
-        adapter = _adapter(building, faces.rmf, ends)
+        parts = build(loaded, recorder=recorder)
+        systemd, site, life = notifier(), parts.site, parts.life
+        adapter = _adapter(parts, faces.rmf, ends)
         crashes: list[Exception] = []
 
         async def guarded(work: Coroutine[None, None, None]) -> None:
-            """Let a bug in one part end the program only after every lift has been let go."""
+            """Stop the program after a bug in one task, once every lift is released."""
             try:
                 await work
             except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
@@ -210,72 +212,72 @@ async def run(
                 stop.set()
 
         async with asyncio.TaskGroup() as tasks:
-            building.recorder.note(_started(loaded))
+            parts.recorder.note(_start_row(loaded))
             polling = tasks.create_task(guarded(life.run()))
-            parts = _parts(building, loaded, faces.keys, tls, adapter)
-            running = [tasks.create_task(guarded(part)) for part in parts]
+            background = _background_tasks(parts, loaded, faces.keys, tls, adapter)
+            running = [tasks.create_task(guarded(task)) for task in background]
             with suppress(TimeoutError):
-                async with asyncio.timeout(FIRST_LOOK_S):
+                async with asyncio.timeout(FIRST_READING_S):
                     await life.first_look()
-            serving = tasks.create_task(guarded(_serve(building, loaded.site.api, faces.keys, sock, tls)))
-            patience_s_of = patience(loaded, building.links) if systemd.is_heard else {}
-            alive = guarded(watch(systemd, patience_s_of, life.polls, lambda: _status(building)))
-            running.append(tasks.create_task(alive))
+            serving = tasks.create_task(guarded(_serve(parts, loaded.site.api, faces.keys, sock, tls)))
+            patience_s_of = poll_patience_s(loaded, parts.links) if systemd.is_enabled else {}
+            watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts)))
+            running.append(tasks.create_task(watching))
             ready()
             await stop.wait()
-            systemd.send("STOPPING=1", "STATUS=letting go of everything")
+            systemd.send("STOPPING=1", "STATUS=releasing everything")
             if adapter is not None:
-                # before a door is let go: no robot may begin to drive in
+                # before a door is released: no robot may begin to drive in
                 adapter.go_offline()
-            released = await _let_go(building)
-            building.recorder.note(manager_ended(released=released, commands=bool(_commanded(site))))
+            released = await _release_outputs(parts)
+            parts.recorder.note(manager_ended(released=released, commands=bool(_commandable_lifts(site))))
             serving.cancel()
-            await _write_down(building.recorder, polling)
+            await _flush_journal(parts.recorder, polling)
             for task in running:
                 task.cancel()
     if crashes:
-        raise ExceptionGroup("the manager ended because of a bug", crashes)
+        raise ExceptionGroup("the manager stopped because of a bug", crashes)
     return released
 
 
-def _parts(
-    building: Building,
+def _background_tasks(
+    parts: ManagerParts,
     loaded: LoadedSite,
     keys: KeyFile | None,
     tls: ServerCertificates | None,
     adapter: RunningAdapter | None,
 ) -> Iterator[Coroutine[None, None, None]]:
-    """Yield what runs all the time, except for the polls and the web server."""
-    recorder = building.recorder
-    yield from (link.run() for link in building.links)
-    yield from building.life.drives()
-    yield from (recorder.run(building.site.report_disk), building.metrics.run(), remind(loaded))
+    """Yield the background tasks, except for the polls and the web server."""
+    recorder = parts.recorder
+    yield from (link.run() for link in parts.links)
+    yield from parts.life.drives()
+    yield from (recorder.run(parts.site.report_disk), parts.metrics.run(), warn_of_expiry(loaded))
     if keys is not None:
         yield keys.run(recorder.note)
     if tls is not None:
-        yield renew(tls)
+        yield renew_certificates(tls)
     if adapter is not None:
         yield adapter.run()
 
 
-def _adapter(building: Building, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:
+def _adapter(parts: ManagerParts, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:
     """Join Open-RMF if there are settings for it, on the running loop. Raises DdsError."""
     if settings is None:
         return None
     adapter = RunningAdapter(
         lambda listener, deliver: Dds(settings, listener, deliver),
-        lambda: LocalManager(building.site),
+        lambda: LocalManager(parts.site),
         use_sim_time=settings.use_sim_time,
         adapter_id=settings.adapter,
     )
     adapter.open()
     ends.callback(adapter.close)
-    building.metrics.count_rmf(adapter.counts)
+    parts.metrics.count_rmf(adapter.counts)
     return adapter
 
 
-def patience(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, float]:
-    """Return how long the polls of each lift may stand still before its own loop must be what hangs, in seconds."""
+def poll_patience_s(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, float]:
+    """Return for each lift after how many seconds without a finished poll its own task must be stuck."""
     link_of = dict(zip(loaded.controllers, links, strict=True))
     used = {
         name: {device.controller for device in devices(loaded.site, spec, loaded.maps[name].map).values()}
@@ -296,98 +298,102 @@ def patience(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, float]:
     return found
 
 
-def _started(loaded: LoadedSite) -> Row:
+def _start_row(loaded: LoadedSite) -> Row:
     lifts = loaded.site.lifts.items()
     maps = {name: (lift.access, loaded.maps[name].map.name, loaded.maps[name].sha256) for name, lift in lifts}
     return manager_started(running_version(), maps)
 
 
-async def remind(loaded: LoadedSite, *, every_s: float = REMIND_EVERY_S) -> None:
-    """Say once a day which certificates expire soon: a manager may run for longer than they last."""
+async def warn_of_expiry(loaded: LoadedSite, *, every_s: float = WARN_EVERY_S) -> None:
+    """Warn once a day of certificates that expire soon: a manager may run for longer than they last."""
     while True:
         await asyncio.sleep(every_s)
-        # in a thread, as whatever touches these files: a disk that hangs must not hold up the lifts
+        # in a thread, because a disk that hangs must not block the lifts
         with suppress(OSError):
-            await in_thread(lambda: _remind(loaded))
+            await in_thread(lambda: _log_expiring(loaded))
 
 
-def _remind(loaded: LoadedSite) -> None:
+def _log_expiring(loaded: LoadedSite) -> None:
     for line in tls_cautions(loaded.site, loaded.path.parent):
         _log.warning("%s", line)
 
 
-async def renew(tls: ServerCertificates, *, within_s: float = LOOK_WITHIN_S) -> None:
-    """Keep HTTPS at what its files say."""
+async def renew_certificates(tls: ServerCertificates, *, within_s: float = CHECK_WITHIN_S) -> None:
+    """Reload the certificates whenever their files change."""
     loop = asyncio.get_running_loop()
-    message = "api: the files of `tls` do not answer within %g s, the last certificate is shown on; look at the disk that they are on"
+    message = "api: the files of `tls` do not answer within %g s, the previous certificate stays in use; check the disk that they are on"
     while True:
-        await asyncio.sleep(LOOK_EVERY_S)
-        late = loop.call_later(within_s, _log.warning, message, within_s)
+        await asyncio.sleep(CHECK_EVERY_S)
+        timer = loop.call_later(within_s, _log.warning, message, within_s)
         try:
             with suppress(OSError):
                 await in_thread(tls.renew)
         finally:
-            late.cancel()
+            timer.cancel()
 
 
-def _https(loaded: LoadedSite) -> ServerCertificates | None:
-    said, folder = loaded.site.api.tls, loaded.path.parent
-    if said is None:
+def _server_certificates(loaded: LoadedSite) -> ServerCertificates | None:
+    tls_settings, folder = loaded.site.api.tls, loaded.path.parent
+    if tls_settings is None:
         return None
-    client_ca = None if said.client_ca is None else path_of(folder, said.client_ca)
-    return ServerCertificates(ServerTls(path_of(folder, said.certificate), path_of(folder, said.key), client_ca))
+    client_ca = None if tls_settings.client_ca is None else path_of(folder, tls_settings.client_ca)
+    return ServerCertificates(
+        ServerTls(path_of(folder, tls_settings.certificate), path_of(folder, tls_settings.key), client_ca)
+    )
 
 
-def _status(building: Building) -> str:
-    states = [building.site.state(name) for name in building.site.lift_names()]
+def _status_text(parts: ManagerParts) -> str:
+    states = [parts.site.state(name) for name in parts.site.lift_names()]
     live = sum(state.quality is Quality.LIVE for state in states)
-    return f"{counted(len(states), 'lift')}, {live} live, {sum(building.life.polls().values())} polls"
+    return f"{counted(len(states), 'lift')}, {live} live, {sum(parts.life.polls().values())} polls"
 
 
 async def _serve(
-    building: Building, api: Api, keys: KeyFile | None, sock: socket, tls: ServerCertificates | None
+    parts: ManagerParts, api: Api, keys: KeyFile | None, sock: socket, tls: ServerCertificates | None
 ) -> None:
     names = (api.host, *api.host_names)
-    web = make_app(building.site, keys, frames=building.sources, metrics=building.metrics.scrape, host_names=names)
+    web = make_app(parts.site, keys, frames=parts.sources, metrics=parts.metrics.scrape, host_names=names)
     await serve(web, sock, tls=tls, limits=ConnectionLimits.of(connections_limit(), api.trusted_proxies))
 
 
-async def _let_go(building: Building) -> bool:
-    site, life = building.site, building.life
-    commanded = _commanded(site)
+async def _release_outputs(parts: ManagerParts) -> bool:
+    site, life = parts.site, parts.life
+    commandable = _commandable_lifts(site)
     waited = await life.clear_doors()
-    _log.info("stopping: %s", "releasing everything" if commanded else "nothing is held, every lift is only watched")
+    _log.info(
+        "stopping: %s", "releasing everything" if commandable else "nothing is held, every lift is only monitored"
+    )
     within_s = RELEASE_AFTER_CLEARING_S if waited else RELEASE_WITHIN_S
-    states = [site.state(name) for name in commanded]
+    states = [site.state(name) for name in commandable]
     try:
         async with asyncio.timeout(within_s):
             await life.stop()
     except TimeoutError:
-        _log.error("not every output could be verified as let go within %g s; look at the lift", within_s)
+        _log.error("not every output could be verified as released within %g s; check the lift", within_s)
         return False
-    unseen = [state.lift for state in states if state.quality is Quality.OFFLINE]
-    for lift in unseen:
-        _log.warning("%s: is offline, so nobody could look at what its controller holds", lift)
-    if len(unseen) < len(states):
-        _log.info("everything we held%s is let go and verified", " on the other lifts" if unseen else "")
+    offline = [state.lift for state in states if state.quality is Quality.OFFLINE]
+    for lift in offline:
+        _log.warning("%s: is offline, so the outputs of its controller could not be verified", lift)
+    if len(offline) < len(states):
+        _log.info("everything held%s is released and verified", " on the other lifts" if offline else "")
     return True
 
 
-def _commanded(site: Site) -> list[str]:
-    """Name the lifts that may be commanded: of the others nothing is ever held."""
+def _commandable_lifts(site: Site) -> list[str]:
+    """Return the lifts that may be commanded; the others never have held outputs."""
     return [name for name in site.lift_names() if site.config(name).control]
 
 
-async def _write_down(recorder: Recorder, polling: asyncio.Task[None]) -> None:
-    """End the polls and wait for the disk: to a poll in flight, the end of its link would be news that nobody writes down any more."""
+async def _flush_journal(recorder: Recorder, polling: asyncio.Task[None]) -> None:
+    """Stop the polls, then wait for the disk; a poll in flight would otherwise report the end of its link after the last commit."""
     polling.cancel()
     await asyncio.wait([polling])
     try:
-        async with asyncio.timeout(REMEMBER_WITHIN_S):
+        async with asyncio.timeout(FLUSH_WITHIN_S):
             await recorder.settled()
     except TimeoutError:
         _log.error(
-            "sessions, people's words or rows of the journal are not on the disk after %g s more", REMEMBER_WITHIN_S
+            "sessions, decisions of people or journal rows are not on the disk after another %g s", FLUSH_WITHIN_S
         )
 
 
@@ -410,7 +416,7 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusL
     placed = devices(loaded.site, spec, source)
     lines = {endpoint: Unit(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
     own = lines.pop("")
-    # one limit for every device of a lift: the smallest
+    # one limit for all devices of a lift: the smallest
     needs = [loaded.links[device.controller] for device in placed.values()]
     settings = LiftSettings(
         name=name,

@@ -1,4 +1,4 @@
-"""The links of a site, for faces: what they have counted, and what goes over them."""
+"""The links of a site, for faces: their counters and their frames."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class SiteLinks:
         return tuple(self._links)
 
     @contextmanager
-    def tap_frames(self, link: str, hear: Callable[[WireFrame], None]) -> Iterator[None]:
-        """Call `hear` with every frame of a link for as long as the context lasts. Raises KeyError for a link that there is not."""
+    def tap_frames(self, link: str, callback: Callable[[WireFrame], None]) -> Iterator[None]:
+        """Call `callback` with every frame of a link within the context. Raises KeyError for an unknown link."""
         loop = asyncio.get_running_loop()
-        with self._links[link].tap(lambda sent, frame: hear(WireFrame(link, sent, frame, loop.time()))):
+        with self._links[link].tap(lambda sent, frame: callback(WireFrame(link, sent, frame, loop.time()))):
             yield
 
     def link_figures(self) -> tuple[LinkFigures, ...]:
-        """Return what every link is and has counted."""
+        """Return the state and the counters of every link."""
         now = asyncio.get_running_loop().time()
         return tuple(_figures(name, link, now) for name, link in self._links.items())
 

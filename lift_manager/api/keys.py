@@ -81,15 +81,15 @@ class Keys(Protocol):
     """The live keys of a site; they may change at any time."""
 
     @property
-    def needed(self) -> bool:
+    def are_required(self) -> bool:
         """Whether a request needs a key."""
         ...
 
-    def find(self, asked: Secret) -> Key | None:
+    def find(self, secret: Secret) -> Key | None:
         """Return the live key that this is; None where there is none, whatever is wrong with it."""
         ...
 
-    def named(self, name: str) -> Key | None:
+    def find_by_name(self, name: str) -> Key | None:
         """Return the live key of this name."""
         ...
 
@@ -101,30 +101,30 @@ class Keys(Protocol):
 class KeyRing:
     """Keys in memory."""
 
-    def __init__(self, keys: Iterable[tuple[Key, str]] = (), *, open_without: bool = True) -> None:
-        """Take live keys, each with the digest of its secret; `open_without` lets everybody in while there is no key."""
+    def __init__(self, keys: Iterable[tuple[Key, str]] = (), *, open_without_keys: bool = True) -> None:
+        """Take live keys, each with the digest of its secret; `open_without_keys` lets everybody in while there is no key."""
         self._keys = {key.id: (key, digest) for key, digest in keys}
-        self._open_without = open_without
+        self._open_without = open_without_keys
 
     @property
-    def needed(self) -> bool:
+    def are_required(self) -> bool:
         """Whether a request needs a key."""
         return bool(self._keys) or not self._open_without
 
-    def find(self, asked: Secret) -> Key | None:
+    def find(self, secret: Secret) -> Key | None:
         """Return the live key that this is. Takes as long for an id that is not known as for one that is."""
-        spelt = _TOKEN.fullmatch(asked.reveal())
-        if spelt is None:
+        match = _TOKEN.fullmatch(secret.reveal())
+        if match is None:
             return None
-        key, digest = self._keys.get(spelt[1], (None, "0" * 64))
-        return key if hmac.compare_digest(digest_of(spelt[2]), digest) else None
+        key, digest = self._keys.get(match[1], (None, "0" * 64))
+        return key if hmac.compare_digest(digest_of(match[2]), digest) else None
 
-    def named(self, name: str) -> Key | None:
+    def find_by_name(self, name: str) -> Key | None:
         """Return the live key of this name."""
         return next((key for key, _ in self._keys.values() if key.name == name), None)
 
     def admits(self, key: Key | None) -> bool:
         """Whether a caller that was let in with this key, or without one, would be let in still."""
         if key is None:
-            return not self.needed
+            return not self.are_required
         return key.id in self._keys and self._keys[key.id][0] == key

@@ -22,7 +22,7 @@ from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import (
-    ALL,
+    ALL_ROWS,
     Follower,
     RowFilter,
     microseconds,
@@ -167,14 +167,14 @@ def _show(source: JournalSource, row_filter: RowFilter, last: int | None) -> Non
 
 def _follow(source: JournalSource, row_filter: RowFilter, count: int) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
-        newest = next(iter(reader.newest(ALL, 1)), None)
+        newest = next(iter(reader.newest(ALL_ROWS, 1)), None)
         rows = reader.newest(row_filter, count, newest.seq if newest is not None else None)
     table = RowTable(out, source.zone, rows, _lifts(source))
     follower = Follower(source.path, row_filter, newest, copy=source.copy)
     try:
         table.show(rows)
         while True:
-            news = follower.news()
+            news = follower.poll()
             if news.replaced:
                 err.print(
                     f"{source.path}: another journal is in its place; these are its rows", markup=False, soft_wrap=True
@@ -284,7 +284,7 @@ def _lifts(source: JournalSource) -> Iterable[str]:
 def _no_rows_message(source: JournalSource, row_filter: RowFilter, *, any_rows: bool) -> str:
     if row_filter.lift is not None and source.site is not None and row_filter.lift not in source.site.lifts:
         return f"no row is of a lift {row_filter.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
-    if any_rows or row_filter == ALL:
+    if any_rows or row_filter == ALL_ROWS:
         return "no rows"
     return "no row matches"
 

@@ -10,7 +10,7 @@ import typer
 
 from lift_manager.cli.common import print_lines, report_mistakes
 from lift_manager.cli.serve_checks import obstacles
-from lift_manager.config.check_rmf import is_in_rmf, unheld_doors
+from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.load import LoadedSite, check_file, load_site
 from lift_manager.rmf.building import SiteLift, compare
 from lift_manager.rmf.building_file import read_building, read_graph
@@ -75,7 +75,7 @@ def _check_names(site: Path, building_map: Path, nav_graphs: Sequence[Path]) -> 
 def _cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield cautions about lifts without a part `rmf`; `serve` warns about the others at every start."""
     for lift, spec in loaded.site.lifts.items():
-        if not is_in_rmf(spec):
+        if not uses_rmf_names(spec):
             yield from unheld_doors(lift, spec, loaded.maps[lift].map)
 
 

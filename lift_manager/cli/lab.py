@@ -19,7 +19,7 @@ from lift_manager.cli.loop import run
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
 from lift_manager.web.errors import ListenError
-from lift_manager.web.limits import allow_files
+from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
 
 Speed = Annotated[
@@ -34,7 +34,7 @@ def demo(
 ) -> None:
     """Run three simulated lifts and a manager, with nothing to configure."""
     log_to_stderr(log_format)
-    allow_files()
+    raise_file_limit()
     try:
         sock = listen("127.0.0.1", port)
     except ListenError as error:

@@ -64,9 +64,9 @@ async def _print(states: States, *, as_json: bool) -> None:
     is_lost = False
     async for lift in states:
         print_lines([lift.model_dump_json() if as_json else _line(lift)])
-        if not is_lost and not states.heard(lift.name):
+        if not is_lost and not states.is_current(lift.name):
             print_stderr("the manager does not answer; this continues once it does")
-        is_lost = not states.heard(lift.name)
+        is_lost = not states.is_current(lift.name)
         await asyncio.sleep(0)
 
 

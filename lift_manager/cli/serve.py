@@ -28,9 +28,9 @@ from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened
+from lift_manager.store.site import open_store
 from lift_manager.web.errors import ListenError
-from lift_manager.web.limits import allow_files
+from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 
@@ -60,7 +60,7 @@ def serve(
     """Run the lift manager for a site."""
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
-    allow_files()
+    raise_file_limit()
     loaded = load_site_or_exit(site, for_rmf=rmf)
     if loaded.unusable:
         raise report_mistakes(MapFileError(loaded.unusable))
@@ -73,7 +73,7 @@ def serve(
     place, keeps = store_path_of(loaded), loaded.site.journal
     try:
         limits = Limits(keeps.keep_days, keeps.max_mb)
-        committer = opened(place, loaded.site.name, loaded.site.lifts.keys(), limits)
+        committer = open_store(place, loaded.site.name, loaded.site.lifts.keys(), limits)
         sock = listen(api.host, api.port if port is None else port)
     except (StoreError, ListenError) as error:
         raise fail(str(error)) from error
@@ -94,7 +94,7 @@ def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
     site, host = loaded.site, sock.getsockname()[0]
     path = keys_path(place)
     try:
-        keys = KeyFile(path, site.name, open_without=allows_requests_without_keys(site.api, host))
+        keys = KeyFile(path, site.name, open_without_keys=allows_requests_without_keys(site.api, host))
     except StoreError as error:
         raise fail(str(error)) from error
     live = f"every request needs one of {counted(len(keys.names), 'key')}" if keys.names else "no request needs a key"

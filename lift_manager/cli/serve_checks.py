@@ -11,7 +11,7 @@ from lift_manager.config.site import Api
 from lift_manager.store.errors import KeysUnusable, StoreUnusable
 from lift_manager.store.keys import keys_path, read_kept_keys
 from lift_manager.store.place import store_path
-from lift_manager.store.site import read_site
+from lift_manager.store.site import read_records_of_site
 from lift_manager.web.errors import ListenError
 from lift_manager.web.origin import is_loopback
 from lift_manager.web.server import resolved
@@ -26,7 +26,7 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
     site, file = loaded.site, str(loaded.path)
     try:
         place = store_path(site.name, site.state, loaded.path, os.environ)
-        read_site(place, site.name, site.lifts.keys())
+        read_records_of_site(place, site.name, site.lifts.keys())
         keys = read_kept_keys(keys_path(place), site.name).live
     except StoreUnusable as error:
         yield Finding(file, None, "", f"{error}; {_OUTPUTS_MAY_BE_ON}")

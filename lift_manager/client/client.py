@@ -1,4 +1,4 @@
-"""The client: each operation of /api/v1 as a method, and the helpers that make a session, a ride or a view of the lifts of them."""
+"""The client: each operation of /api/v1 as a method, and helpers for sessions, rides and states."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from lift_manager.api.people import (
 )
 from lift_manager.api.rides import Limits, Plan, Ride, RideRequest, Rides
 from lift_manager.api.sessions import Command, CommandRequest, Session
-from lift_manager.client.call import WITHIN_S, Call, Form, Http, Reply
 from lift_manager.client.errors import ClientError, NotFound, Refused
+from lift_manager.client.http import WITHIN_S, HttpClient, HttpRequest, Model, Reply
 from lift_manager.client.ride import ActiveRide
 from lift_manager.client.session import ActiveSession
 from lift_manager.client.states import KnownLift, States
@@ -45,8 +45,8 @@ from register_maps.words import Side
 _log = logging.getLogger(__name__)
 
 MANAGER = "http://127.0.0.1:5003"
-LONGEST_WAIT_S = 30.0
-"""The manager waits no longer for the end of a command."""
+MAX_WAIT_S = 30.0
+"""The longest that the manager waits for the outcome of a command."""
 
 
 class Readiness(Answer):
@@ -81,7 +81,7 @@ class LiftManagerClient:
 
         For tests there are `transport`, in the place of the network, and `chance`, seeded.
         """
-        self._http = Http(url, key, tls, within_s, transport)
+        self._http = HttpClient(url, key, tls, within_s, transport)
         self._chance = chance
         self._tagged: dict[str, KnownLift] = {}
 
@@ -99,129 +99,135 @@ class LiftManagerClient:
 
     @property
     def url(self) -> str:
-        """Where the manager is."""
+        """The address of the manager."""
         return self._http.url
 
     # lifts
 
     async def lifts(self) -> tuple[Lift, ...]:
-        """Every lift, in the site's order."""
+        """Every lift, in the order of the site."""
         return (await self._http.get(f"{API}/lifts", Lifts)).lifts
 
     async def lift(self, name: str) -> Lift:
-        """One lift. What was not changed since the last time is not sent again, but for its age."""
-        return (await self._tagged_lift(name, Call("GET", lift_path(name), repeat=True))).lift
+        """One lift. An unchanged state is not sent again, only its age."""
+        return (await self._tagged_lift(name, HttpRequest("GET", lift_path(name), repeat=True))).lift
 
     async def known_lifts(self, lift: str | None, *, within_s: float) -> tuple[KnownLift, ...]:
-        """One lift or all of them, each with the time at which the question left. Asked once."""
+        """One lift or all of them, each with the time at which the request was sent. Sent once."""
         if lift is not None:
-            return (await self._tagged_lift(lift, Call("GET", lift_path(lift), within_s=within_s)),)
-        asked_at = _now()
-        told = await self._http.ask(Call("GET", f"{API}/lifts", within_s=within_s), Lifts)
-        return tuple(KnownLift(each, asked_at) for each in told.lifts)
+            return (await self._tagged_lift(lift, HttpRequest("GET", lift_path(lift), within_s=within_s)),)
+        requested_at = _now()
+        ride_now = await self._http.send(HttpRequest("GET", f"{API}/lifts", within_s=within_s), Lifts)
+        return tuple(KnownLift(item, requested_at) for item in ride_now.lifts)
 
     async def capabilities(self, lift: str) -> LiftCapabilities:
-        """What a lift can say and be told."""
+        """The signals, commands and limits of a lift."""
         return await self._http.get(lift_path(lift, "capabilities"), LiftCapabilities)
 
     async def signals(self, lift: str) -> Signals:
-        """What each of its signals says."""
+        """The value of each signal of a lift."""
         return await self._http.get(lift_path(lift, "signals"), Signals)
 
-    # sessions, by hand; `session` makes it easier
+    # sessions; `session` is more convenient
 
     async def open_session(
         self, lift: str, *, robot: str | None = None, ttl_s: float | None = None, key: str | None = None
     ) -> Session:
-        """Take the lift for oneself; nothing is called by it."""
+        """Open a session; this does not call the lift."""
         key = key or self._new_key(robot)
         body = {"robot": robot, "ttl_s": ttl_s, "idempotency_key": key}
         return await self._post(lift_path(lift, "sessions"), body, Session, repeat=key is not None)
 
     async def get_session(self, lift: str, session: str) -> Session:
-        """A session of one's own."""
+        """A session of this caller."""
         return await self._http.get(session_path(lift, session), Session)
 
     async def renew_session(
         self, lift: str, session: str, *, ttl_s: float | None = None, within_s: float | None = None
     ) -> Session:
-        """Begin its lease anew."""
+        """Renew the lease of a session."""
         return await self._post(
             session_path(lift, session, "renew"), {"ttl_s": ttl_s}, Session, within_s=within_s, repeat=False
         )
 
     async def close_session(self, lift: str, session: str, *, robot: RobotWord | None = None) -> Session:
-        """End it, the car where it is."""
+        """Close a session without moving the car."""
         return await self._post(session_path(lift, session, "close"), {"robot": robot}, Session, repeat=True)
 
     async def hand_over_session(self, lift: str, session: str, to: str, *, robot: str | None = None) -> Session:
-        """Give it to another caller; the answer has its new id."""
+        """Hand a session over to another caller; the reply has its new id."""
         body = {"to": to, "robot": robot}
         return await self._post(session_path(lift, session, "hand-over"), body, Session, repeat=False)
 
-    async def command(self, lift: str, session: str, wish: CommandRequest, *, wait: float = 0.0) -> Command:
-        """Ask for something within a session. `wait`: so many seconds, 30 at the most, for the end of it."""
-        body = _body(wish) | {"idempotency_key": wish.idempotency_key or new_key()}
+    async def command(self, lift: str, session: str, request: CommandRequest, *, wait: float = 0.0) -> Command:
+        """Send a command; `wait` is how long to wait for its outcome, at most 30 s."""
+        body = _body(request) | {"idempotency_key": request.idempotency_key or new_key()}
         return await self._post(session_path(lift, session, "commands"), body, Command, repeat=True, wait=wait)
 
     async def get_command(self, lift: str, session: str, command: str, *, wait: float = 0.0) -> Command:
-        """What became of a request; `wait` as in `command`."""
-        call = Call(
-            "GET", session_path(lift, session, "commands", part(command)), _wait(wait), repeat=True, waits_s=wait
+        """The status of a command; `wait` as in `command`."""
+        request = HttpRequest(
+            "GET",
+            session_path(lift, session, "commands", part(command)),
+            _wait_query(wait),
+            repeat=True,
+            server_wait_s=wait,
         )
-        return await self._http.ask(call, Command)
+        return await self._http.send(request, Command)
 
-    # rides, by hand; `ride` makes it easier
+    # rides; `ride` is more convenient
 
-    async def begin_ride(self, wish: RideRequest) -> Ride:
-        """Begin a ride, or queue it; without an idempotency key of its own it is given one."""
-        key = wish.idempotency_key or self._new_key(wish.robot)
-        body = _body(wish) | {"idempotency_key": key, "dry_run": False}
+    async def begin_ride(self, request: RideRequest) -> Ride:
+        """Begin or queue a ride; adds an idempotency key if there is none."""
+        key = request.idempotency_key or self._new_key(request.robot)
+        body = _body(request) | {"idempotency_key": key, "dry_run": False}
         return await self._post(f"{API}/rides", body, Ride, repeat=key is not None)
 
-    async def plan_ride(self, wish: RideRequest) -> Plan:
-        """Say what a ride would come to, and begin nothing."""
-        return await self._post(f"{API}/rides", _body(wish) | {"dry_run": True}, Plan, repeat=True)
+    async def plan_ride(self, request: RideRequest) -> Plan:
+        """Plan a ride without beginning it."""
+        return await self._post(f"{API}/rides", _body(request) | {"dry_run": True}, Plan, repeat=True)
 
     async def rides(self) -> tuple[Ride, ...]:
-        """Rides that go on, and those that ended not long ago."""
+        """Current rides, and those that ended recently."""
         return (await self._http.get(f"{API}/rides", Rides)).rides
 
     async def get_ride(self, ride: str, *, within_s: float | None = None) -> Ride:
-        """A ride as it is now; with a limit it is asked for only once."""
-        return await self._http.ask(Call("GET", ride_path(ride), repeat=within_s is None, within_s=within_s), Ride)
+        """A ride; with `within_s` the request is sent only once."""
+        return await self._http.send(
+            HttpRequest("GET", ride_path(ride), repeat=within_s is None, within_s=within_s), Ride
+        )
 
     async def ride_word(self, ride: str, word: RideWord, *, within_s: float | None = None) -> Ride:
-        """Say a word of its robot; with a limit it is said only once. `left` is said again where nothing came back: it lets go."""
-        again = word is RideWord.LEFT and within_s is None
+        """Report for its robot; with `within_s` only once. `left` is repeated if no reply arrives, because it only releases."""
+        repeat = word is RideWord.LEFT and within_s is None
         try:
-            return await self._post(ride_path(ride, word), {}, Ride, repeat=again, within_s=within_s)
+            return await self._post(ride_path(ride, word), {}, Ride, repeat=repeat, within_s=within_s)
         except NotFound:
             raise
         except Refused:
-            # the first of two may have been heard: a robot that left twice has left once
-            told = await self.get_ride(ride, within_s=within_s) if word is RideWord.LEFT else None
-            if told is None or told.phase not in OVER or told.maybe_aboard:
+            # the first of two may have been accepted: repeating `left` has no effect
+            ride_now = await self.get_ride(ride, within_s=within_s) if word is RideWord.LEFT else None
+            if ride_now is None or ride_now.phase not in OVER or ride_now.maybe_aboard:
                 raise
-            return told
+            return ride_now
 
     async def cancel_ride(self, ride: str, reason: str = "cancelled") -> Ride:
-        """End it safely: a robot that may be inside is let out first."""
+        """End a ride safely: a robot that may be inside is let out first."""
         return await self._post(ride_path(ride, "cancel"), {"reason": reason}, Ride, repeat=True)
 
-    # a person's word
+    # operator actions
 
     async def acknowledge(self, lift: str, by: str) -> AcknowledgedAnswer:
-        """Say that a lift was checked after a fire, or that no robot is in its car."""
+        """Acknowledge that a lift was checked after a fire, or that no robot is in its car."""
         return await self._post(lift_path(lift, "acknowledge"), {"by": by}, AcknowledgedAnswer, repeat=False)
 
     async def lock_out(self, lift: str, by: str, reason: str, *, now: bool = False) -> LockoutAnswer:
-        """Keep robots off a lift; a held door is released `clear_s` later unless it has to be `now`."""
-        body = {"by": by, "reason": reason, **_at_once(now=now)}
+        """Keep robots off a lift; a held door is released `clear_s` later, with `now` at once."""
+        body = {"by": by, "reason": reason, **_now_field(now=now)}
         return await self._post(lift_path(lift, "lockout"), body, LockoutAnswer, repeat=False)
 
     async def end_lockout(self, lift: str, by: str) -> LockoutEndedAnswer:
-        """Let robots on it again."""
+        """Let robots use a lift again."""
         return await self._post(lift_path(lift, "lockout", "end"), {"by": by}, LockoutEndedAnswer, repeat=False)
 
     async def begin_drain(self, lift: str, by: str, reason: str) -> DrainAnswer:
@@ -229,28 +235,28 @@ class LiftManagerClient:
         return await self._post(lift_path(lift, "drain"), {"by": by, "reason": reason}, DrainAnswer, repeat=False)
 
     async def end_drain(self, lift: str, by: str) -> DrainEndedAnswer:
-        """Let sessions on it begin again."""
+        """End a drain."""
         return await self._post(lift_path(lift, "drain", "end"), {"by": by}, DrainEndedAnswer, repeat=False)
 
     async def force_release(self, lift: str, by: str, reason: str, *, now: bool = False) -> ForceReleasedAnswer:
-        """End the session of whoever holds a lift; a held door is released `clear_s` later unless it has to be `now`."""
-        path, body = lift_path(lift, "session", "force-release"), {"by": by, "reason": reason, **_at_once(now=now)}
+        """End the session that holds a lift; a held door is released `clear_s` later, with `now` at once."""
+        path, body = lift_path(lift, "session", "force-release"), {"by": by, "reason": reason, **_now_field(now=now)}
         return await self._post(path, body, ForceReleasedAnswer, repeat=False)
 
-    # what happens
+    # events
 
     def events(self, lift: str | None = None, ride: str | None = None) -> EventStream:
-        """Everything that happens, or what concerns one lift or one ride; begins with a snapshot."""
+        """All events, or those of one lift or ride; begins with a snapshot."""
         query = {name: value for name, value in (("lift", lift), ("ride", ride)) if value is not None}
         return EventStream(self._http, f"{API}/events", query, backoff=Backoff(self._chance))
 
     def frames(self, link: str) -> EventStream:
-        """What goes over one link, for tools."""
+        """The frames on the wire of one link, for tools."""
         return EventStream(self._http, frames_path(link), backoff=Backoff(self._chance))
 
     @asynccontextmanager
     async def states(self, lift: str | None = None) -> AsyncIterator[States]:
-        """One lift or all of them as they are now, offline as soon as nothing is heard."""
+        """The current state of one lift or all of them, offline without contact to the manager."""
         states = States(self, lift)
         async with _background(states.follow(), states.listen()):
             yield states
@@ -259,17 +265,17 @@ class LiftManagerClient:
     async def session(
         self, lift: str, *, robot: str | None = None, ttl_s: float | None = None
     ) -> AsyncIterator[ActiveSession]:
-        """Take a lift for the block, renewing the lease; it is closed at the end, whatever ends it."""
-        asked_at = _now()
-        held = ActiveSession(self, await self.open_session(lift, robot=robot, ttl_s=ttl_s), asked_at, ttl_s)
+        """Open a session for the block, renew its lease, and close it at the end in any case."""
+        requested_at = _now()
+        handle = ActiveSession(self, await self.open_session(lift, robot=robot, ttl_s=ttl_s), requested_at, ttl_s)
         try:
-            async with _background(held.follow(), held.listen()):
-                yield held
+            async with _background(handle.follow(), handle.listen()):
+                yield handle
         except BaseException:
-            await self._quietly(held)
+            await self._end_quietly(handle)
             raise
-        if not held.closed:
-            await held.close()
+        if not handle.closed:
+            await handle.close()
 
     @asynccontextmanager
     async def ride(
@@ -283,9 +289,9 @@ class LiftManagerClient:
         limits: Limits | None = None,
         key: str | None = None,
     ) -> AsyncIterator[ActiveRide]:
-        """Begin a ride, with a lift or with `any`; one that is not over at the end of the block is cancelled."""
-        # as it is: what cannot be is refused by the manager, in its words
-        wish = {
+        """Begin a ride with a lift or with `any`; cancel it at the end of the block if it is not over."""
+        # not validated here: the manager refuses what is not possible
+        request = {
             "lift": lift,
             "from": start,
             "to": destination,
@@ -294,13 +300,13 @@ class LiftManagerClient:
             "limits": None if limits is None else limits.model_dump(),
             "idempotency_key": (key := key or self._new_key(robot)),
         }
-        asked_at = _now()
-        ride = ActiveRide(self, await self._post(f"{API}/rides", wish, Ride, repeat=key is not None), asked_at)
+        requested_at = _now()
+        ride = ActiveRide(self, await self._post(f"{API}/rides", request, Ride, repeat=key is not None), requested_at)
         try:
             async with _background(ride.follow(), ride.listen()):
                 yield ride
         except BaseException:
-            await self._quietly(ride)
+            await self._end_quietly(ride)
             raise
         if not ride.over:
             await ride.cancel(_LEFT_BLOCK)
@@ -308,37 +314,37 @@ class LiftManagerClient:
     # health
 
     async def is_alive(self) -> bool:
-        """Whether the process answers. Raises Unreachable where it does not."""
-        return (await self._http.reply(Call("GET", "/healthz", repeat=True))).status == 200
+        """Whether the process replies. Raises Unreachable if it does not."""
+        return (await self._http.send_raw(HttpRequest("GET", "/healthz", repeat=True))).status == 200
 
     async def readiness(self) -> Readiness:
-        """Whether robots are served, and what stands in the way."""
-        return await self._http.ask(Call("GET", "/readyz", repeat=True, also=(503,)), Readiness)
+        """Whether robots are served, and if not, why."""
+        return await self._http.send(HttpRequest("GET", "/readyz", repeat=True, accepted_statuses=(503,)), Readiness)
 
     async def links(self) -> tuple[str, ...]:
         """Every controller by its name, for `frames`."""
         return (await self._http.get(f"{API}/links", Links)).links
 
-    async def _quietly(self, held: ActiveSession | ActiveRide) -> None:
-        """Let go after a failure, which is told in any case."""
+    async def _end_quietly(self, handle: ActiveSession | ActiveRide) -> None:
+        """Close or cancel after a failure, which is raised in any case."""
         try:
-            if isinstance(held, ActiveSession):
-                if not held.closed:
-                    await held.close()
-            elif not held.over:
-                await held.cancel(_LEFT_BLOCK)
+            if isinstance(handle, ActiveSession):
+                if not handle.closed:
+                    await handle.close()
+            elif not handle.over:
+                await handle.cancel(_LEFT_BLOCK)
         except ClientError as error:
-            _log.warning("what was begun could not be ended: %s", error)
+            _log.warning("the session or ride could not be ended: %s", error)
 
-    async def _tagged_lift(self, name: str, call: Call) -> KnownLift:
+    async def _tagged_lift(self, name: str, request: HttpRequest) -> KnownLift:
         before = self._tagged.get(name)
         headers = {} if before is None or not before.etag else {"if-none-match": before.etag}
-        asked_at = _now()
-        reply = await self._http.reply(replace(call, headers=headers, also=(304,)))
+        requested_at = _now()
+        reply = await self._http.send_raw(replace(request, headers=headers, accepted_statuses=(304,)))
         if reply.status == 304 and before is not None:
-            known = before.same(_age(reply), asked_at)
+            known = before.unchanged(_age_header(reply), requested_at)
         else:
-            known = KnownLift(self._http.read(reply, Lift), asked_at, reply.headers.get("etag", ""))
+            known = KnownLift(self._http.parse(reply, Lift), requested_at, reply.headers.get("etag", ""))
         self._tagged[name] = known
         return known
 
@@ -346,18 +352,20 @@ class LiftManagerClient:
         self,
         path: str,
         body: Mapping[str, Any],
-        form: type[Form],
+        model: type[Model],
         *,
         repeat: bool,
         wait: float = 0.0,
         within_s: float | None = None,
-    ) -> Form:
-        said = {name: value for name, value in body.items() if value is not None}
-        call = Call("POST", path, _wait(wait), said, repeat=repeat, waits_s=wait, within_s=within_s)
-        return await self._http.ask(call, form)
+    ) -> Model:
+        filled = {name: value for name, value in body.items() if value is not None}
+        request = HttpRequest(
+            "POST", path, _wait_query(wait), filled, repeat=repeat, server_wait_s=wait, within_s=within_s
+        )
+        return await self._http.send(request, model)
 
     def _new_key(self, robot: str | None) -> str | None:
-        """Return an idempotency key; None for a caller that has neither a key nor a robot's name: the manager takes none of it."""
+        """Return an idempotency key; None for a caller without a key and a robot name, from whom the manager does not accept one."""
         return new_key() if self._http.has_key or robot else None
 
 
@@ -369,15 +377,15 @@ def new_key() -> str:
     return uuid.uuid4().hex
 
 
-def _wait(wait: float) -> dict[str, str]:
-    return {"wait": f"{min(wait, LONGEST_WAIT_S):g}"} if wait > 0 else {}
+def _wait_query(wait: float) -> dict[str, str]:
+    return {"wait": f"{min(wait, MAX_WAIT_S):g}"} if wait > 0 else {}
 
 
-def _body(wish: RideRequest | CommandRequest) -> dict[str, Any]:
-    return wish.model_dump(mode="json", by_alias=True, exclude_none=True)
+def _body(request: RideRequest | CommandRequest) -> dict[str, Any]:
+    return request.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
-def _age(reply: Reply) -> float | None:
+def _age_header(reply: Reply) -> float | None:
     try:
         return float(reply.headers[AGE_HEADER])
     except (KeyError, ValueError):
@@ -388,20 +396,20 @@ def _now() -> float:
     return asyncio.get_running_loop().time()
 
 
-def _at_once(*, now: bool) -> dict[str, bool]:
-    """Return what a manager is told that is not to wait; an older one knows no such field, and never waits."""
+def _now_field(*, now: bool) -> dict[str, bool]:
+    """Return the field `now` if it is set; an older manager does not know it, and never waits."""
     return {"now": True} if now else {}
 
 
 @asynccontextmanager
 async def _background(*work: Coroutine[None, None, None]) -> AsyncIterator[None]:
-    """Run work for as long as the block lasts. What the block raises comes out as it is, and not in a group.
+    """Run work while the block lasts. An exception of the block is raised as it is, not in a group.
 
-    The work itself raises nothing but bugs; those end the block.
+    The work itself raises only for bugs; those end the block.
     """
     failure: Exception | None = None
     async with asyncio.TaskGroup() as group:
-        tasks = [group.create_task(each) for each in work]
+        tasks = [group.create_task(item) for item in work]
         try:
             yield
         except Exception as error:  # noqa: BLE001  raised again below, once the group has ended

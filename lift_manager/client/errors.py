@@ -1,11 +1,11 @@
 """What can go wrong between a program and the manager.
 
 ClientError
-├── Unreachable      nothing came back: no connection, no answer in time, TLS
-├── NotAManager      something answered, and not as a lift manager does
-├── Refused          the manager said no; `problem` has its words and values
-│   ├── Held         somebody else holds the lift, or waited for it before
-│   ├── Stale        the lift cannot be read, so nothing is done with it
+├── Unreachable      no reply: no connection, a timeout, a TLS error
+├── NotAManager      a reply that is not from a lift manager
+├── Refused          the manager refused the request; `problem` has the details
+│   ├── Held         another caller holds the lift, or is ahead in the queue
+│   ├── Stale        the lift cannot be read, so it cannot be used
 │   ├── NotFound     there is no such lift, session, command, ride or link
 │   └── NotAllowed   no key, or one that may not do this
 └── SessionLost      the session is over, and not because its holder closed it
@@ -26,7 +26,7 @@ class ClientError(Exception):
 
 
 class Unreachable(ClientError):
-    """Nothing came back from the manager."""
+    """The manager did not reply."""
 
     def __init__(self, text: str, *, url: str, may_have_arrived: bool) -> None:
         super().__init__(f"no manager answers at {url} ({text})")
@@ -34,26 +34,26 @@ class Unreachable(ClientError):
         """Why, without the address."""
         self.url = url
         self.may_have_arrived = may_have_arrived
-        """The manager may have taken the request all the same."""
+        """Whether the manager may have received the request anyway."""
 
 
 class NotAManager(ClientError):
-    """Another program answered, or something between here and the manager."""
+    """Another program replied, or a proxy on the way to the manager."""
 
     def __init__(self, text: str, *, url: str, status: int) -> None:
-        super().__init__(f"what answers at {url} is no lift manager (HTTP {status}): {text}")
+        super().__init__(f"the server at {url} is not a lift manager (HTTP {status}): {text}")
         self.url = url
         self.status = status
         """Of HTTP."""
 
 
 class Refused(ClientError):
-    """The manager said no, and why."""
+    """The manager refused the request."""
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem.detail)
         self.problem = problem
-        """All that it said: `code`, `holder`, `mode`, `since_s`, `age_s`, `ahead`, `field`."""
+        """The details: `code`, `holder`, `mode`, `since_s`, `age_s`, `ahead`, `field`."""
 
     @property
     def code(self) -> str:
@@ -67,11 +67,11 @@ class Refused(ClientError):
 
 
 class Held(Refused):
-    """Somebody else holds the lift, or waited for it before; `problem.holder` or `problem.ahead` says so."""
+    """Another caller holds the lift, or is ahead in the queue; see `problem.holder` and `problem.ahead`."""
 
 
 class Stale(Refused):
-    """The lift cannot be read; `problem.age_s` is the age of what is known."""
+    """The lift cannot be read; `problem.age_s` is the age of the latest reading."""
 
 
 class NotFound(Refused):
@@ -79,7 +79,7 @@ class NotFound(Refused):
 
 
 class NotAllowed(Refused):
-    """No key was sent, it does not count there, or it may not do this."""
+    """No key was sent, it is not valid there, or it may not do this."""
 
 
 class SessionLost(ClientError):
@@ -88,14 +88,14 @@ class SessionLost(ClientError):
     def __init__(self, text: str, over: Over | None = None) -> None:
         super().__init__(text)
         self.over = over
-        """Reason and advice in the manager's words; None where the manager was not heard until the lease had ended."""
+        """Reason and advice of the manager; None if it was unreachable until the lease had ended."""
 
 
 _BY_CODE: dict[str, type[Refused]] = {"held": Held, "queued": Held, "offline": Stale}
 _BY_STATUS: dict[int, type[Refused]] = {401: NotAllowed, 403: NotAllowed, 404: NotFound}
 
 
-def refusal(problem: Problem) -> Refused:
-    """Return the error for an answer no."""
+def refused_error(problem: Problem) -> Refused:
+    """Return the error for a refusal."""
     kind = _BY_CODE.get(problem.code) or _BY_STATUS.get(problem.status) or Refused
     return kind(problem)

@@ -1,4 +1,4 @@
-"""A ride in a robot's hand: what to do now, and the words that the robot says."""
+"""A ride for the program of a robot: current guidance, and the reports of the robot."""
 
 from __future__ import annotations
 
@@ -12,252 +12,252 @@ from lift_manager.api.events import RideEvent
 from lift_manager.api.lifts import Lift
 from lift_manager.api.rides import Ride
 from lift_manager.client.errors import ClientError, NotFound, Refused, Unreachable
-from lift_manager.client.ride_step import INVITATIONS, KnownRide, Step, good_for_s, is_owed, step_at
+from lift_manager.client.ride_step import INVITATIONS, KnownRide, Step, is_unacknowledged, step_at, valid_for_s
 from lift_manager.client.stream import Connected, Disconnected, EventStream
 from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, refresh_pause_s
 from lift_manager.rides.ride import OVER, RideWord
 
 _log = logging.getLogger(__name__)
 
-LOOK_EVERY_S = 1.0
-"""Chosen: while nothing invites the robot; changes are told by the event stream at once."""
-BETWEEN_S = 0.05
-"""Chosen: no more questions than twenty a second, however many events there are."""
+POLL_EVERY_S = 1.0
+"""Chosen: the pause while the robot has no invitation; the event stream announces changes at once."""
+MIN_INTERVAL_S = 0.05
+"""Chosen: at most twenty requests a second, however many events arrive."""
 
 
-class Manager(Protocol):
-    """What of the client a ride needs."""
+class RideClient(Protocol):
+    """The part of the client that a ride needs."""
 
     async def get_ride(self, ride: str, *, within_s: float | None = None) -> Ride:
-        """Ask for it, once."""
+        """Get a ride; sent once."""
         ...
 
     async def ride_word(self, ride: str, word: RideWord, *, within_s: float | None = None) -> Ride:
-        """Say a word of the robot, once."""
+        """Report for the robot; sent once."""
         ...
 
     async def cancel_ride(self, ride: str, reason: str = "cancelled") -> Ride:
-        """End it safely."""
+        """End a ride safely."""
         ...
 
     async def lift(self, name: str) -> Lift:
-        """Ask for the state of a lift."""
+        """Get the state of a lift."""
         ...
 
     def events(self, lift: str | None = None, ride: str | None = None) -> EventStream:
-        """Listen."""
+        """Open an event stream."""
         ...
 
 
 class ActiveRide:
-    """A ride that goes on. `async for step in ride` yields what the robot is to do, whenever that changes, and ends with the ride.
+    """An active ride. `async for step in ride` yields what the robot has to do, whenever that changes, and ends with the ride.
 
-    An invitation to drive comes only out of an answer to a question that left less than the lift's `max_age_s` ago: the event
-    stream says when to ask, and nothing that was delayed on its way can say `enter`. `now` is what holds at this moment; a
-    robot that drives through the door looks at it.
+    An invitation to drive comes only from the reply to a request that was sent less than the lift's `max_age_s` ago. The event
+    stream only triggers requests, so nothing that was delayed on its way can say `enter`. `now` is the current step; a robot that
+    drives through the door checks it.
     """
 
-    def __init__(self, manager: Manager, begun: Ride, asked_at: float) -> None:
+    def __init__(self, manager: RideClient, ride: Ride, requested_at: float) -> None:
         self._manager = manager
-        self._known = KnownRide(begun, asked_at)
-        self._left_at = asked_at
+        self._known = KnownRide(ride, requested_at)
+        self._last_request_at = requested_at
         self._max_age_s = DEFAULT_MAX_AGE_S
-        self._aged_lift = ""
-        self._said: RideWord | None = None
-        self._saying = False
+        self._max_age_lift = ""
+        self._reported: RideWord | None = None
+        self._is_reporting = False
         self._trouble = ""
-        self._greets = False
-        self._ask = asyncio.Event()
-        self._news = asyncio.Event()
+        self._must_announce = False
+        self._poll_due = asyncio.Event()
+        self._changed = asyncio.Event()
         self._yielded: Step | None = None
 
     @property
     def id(self) -> str:
-        """Of the ride."""
+        """The id of the ride."""
         return self._known.ride.id
 
     @property
     def now(self) -> Step:
         """What the robot may act on at this moment."""
-        return step_at(self._known, self._said, self._max_age_s, self._time(), self._trouble)
+        return step_at(self._known, self._reported, self._max_age_s, self._time(), self._trouble)
 
     @property
     def over(self) -> bool:
-        """Nothing more is done for it."""
+        """Whether the ride is over."""
         return self.now.over
 
     def __aiter__(self) -> Self:
         return self
 
     async def __anext__(self) -> Step:
-        """Return the next thing to do: what holds now, if that was not said yet."""
+        """Return the next step: the current one, if it was not returned yet."""
         if self._yielded is not None and self._yielded.over:
             raise StopAsyncIteration
-        while not _differs(step := self.now, self._yielded):
-            await self._until_news()
+        while not _is_different(step := self.now, self._yielded):
+            await self._wait_for_change()
         self._yielded = step
         return step
 
     async def entered(self) -> Step:
-        """Say that the robot is inside, until the manager has heard it. Raises Refused where it makes no sense."""
-        return await self._say(RideWord.ENTERED)
+        """Report that the robot is inside, repeated until the manager has accepted it. Raises Refused if it is not possible now."""
+        return await self._report(RideWord.ENTERED)
 
     async def left(self) -> Step:
-        """Say that the robot is outside and clear of the door, until the manager has heard it. Raises Refused where it makes no sense."""
-        return await self._say(RideWord.LEFT)
+        """Report that the robot is outside and clear of the door, repeated until the manager has accepted it. Raises Refused."""
+        return await self._report(RideWord.LEFT)
 
     async def cancel(self, reason: str = "cancelled") -> Step:
-        """End it safely: a robot that may be inside is let out first, so go on with what is yielded. Raises ClientError."""
-        asked_at = self._leaves_at()
-        self._learn(await self._manager.cancel_ride(self.id, reason), asked_at)
+        """End the ride safely: a robot that may be inside is let out first, so keep following the steps. Raises ClientError."""
+        requested_at = self._next_request_time()
+        self._update(await self._manager.cancel_ride(self.id, reason), requested_at)
         return self.now
 
     async def follow(self) -> None:
-        """Keep what is known fresh, until the ride is over."""
-        await self._learn_age(self._known.ride.lift)
+        """Poll the ride until it is over."""
+        await self._learn_max_age(self._known.ride.lift)
         while not self.over:
-            await self._look()
-            await self._remind()
-            self._ask.clear()
-            pause_s = refresh_pause_s(self._max_age_s) if self._invited or self._greets else LOOK_EVERY_S
-            await asyncio.sleep(BETWEEN_S)
-            await _within(self._ask.wait, pause_s - BETWEEN_S)
+            await self._poll()
+            await self._repeat_report()
+            self._poll_due.clear()
+            pause_s = refresh_pause_s(self._max_age_s) if self._invited or self._must_announce else POLL_EVERY_S
+            await asyncio.sleep(MIN_INTERVAL_S)
+            await _wait_at_most(self._poll_due.wait, pause_s - MIN_INTERVAL_S)
 
     async def listen(self) -> None:
-        """Ask whenever the event stream says that something happened."""
+        """Trigger a request for each relevant event of the event stream."""
         connected = False
         try:
             async with self._manager.events(ride=self.id) as events:
                 async for event in events:
                     if isinstance(event, Connected | Disconnected):
-                        # a manager that ends may have heard the first of the two, and the one that follows it has not
-                        self._greets = self._greets or connected
+                        # a manager that stops may have received the first announcement, but the one that replaces it has not
+                        self._must_announce = self._must_announce or connected
                         connected = True
                     elif not isinstance(event, RideEvent):
                         continue
-                    self._ask.set()
+                    self._poll_due.set()
         except Refused as error:
-            _log.warning("ride %s: no event stream (%s); it is looked at every %g s", self.id, error, LOOK_EVERY_S)
+            _log.warning("ride %s: no event stream (%s); polling every %g s", self.id, error, POLL_EVERY_S)
 
     @property
     def _invited(self) -> bool:
         return self._known.ride.guidance in INVITATIONS
 
-    async def _look(self) -> None:
-        """Ask how the ride is; after a time of silence say first that the robot is here, for the manager may have been started anew."""
-        asked_at = self._leaves_at()
-        # an answer that comes later than it is good for is of no use
-        limit_s = good_for_s(self._known.ride, self._max_age_s)
+    async def _poll(self) -> None:
+        """Get the ride; after a silence announce the robot first, because the manager may have restarted."""
+        requested_at = self._next_request_time()
+        # a reply that arrives after its validity is useless
+        limit_s = valid_for_s(self._known.ride, self._max_age_s)
         try:
-            if self._greets:
-                ride = await self._here(limit_s)
-                self._greets = False
+            if self._must_announce:
+                ride = await self._announce(limit_s)
+                self._must_announce = False
             else:
                 ride = await self._manager.get_ride(self.id, within_s=limit_s)
         except NotFound as error:
-            self._known = KnownRide(self._known.ride, asked_at, gone=str(error))
-            self._news.set()
+            self._known = KnownRide(self._known.ride, requested_at, unknown_reason=str(error))
+            self._changed.set()
             return
         except ClientError as error:
-            self._silence(error)
+            self._note_silence(error)
             return
-        self._learn(ride, asked_at)
-        await self._learn_age(ride.lift)
+        self._update(ride, requested_at)
+        await self._learn_max_age(ride.lift)
 
-    async def _remind(self) -> None:
-        """Say a word again that the manager took and has forgotten: it ended before that was written down."""
-        word = self._said
-        if word is None or self._saying or self._greets or not is_owed(self._known.ride, word):
+    async def _repeat_report(self) -> None:
+        """Repeat a report that the manager accepted and lost: it stopped before the report was recorded."""
+        word = self._reported
+        if word is None or self._is_reporting or self._must_announce or not is_unacknowledged(self._known.ride, word):
             return
-        asked_at = self._leaves_at()
+        requested_at = self._next_request_time()
         try:
-            self._learn(await self._manager.ride_word(self.id, word, within_s=SILENT_S), asked_at)
+            self._update(await self._manager.ride_word(self.id, word, within_s=SILENT_S), requested_at)
         except Refused as error:
-            _log.debug("ride %s: %s is not taken yet: %s", self.id, word, error)
+            _log.debug("ride %s: %s is not accepted yet: %s", self.id, word, error)
         except ClientError as error:
-            self._silence(error)
+            self._note_silence(error)
 
-    async def _here(self, limit_s: float) -> Ride:
+    async def _announce(self, limit_s: float) -> Ride:
         try:
             return await self._manager.ride_word(self.id, RideWord.HERE, within_s=limit_s)
         except NotFound:
             raise
         except Refused:
-            # over meanwhile, or not a time for it: the manager is heard all the same
+            # the ride is over, or at another point: the manager has replied anyway
             return await self._manager.get_ride(self.id, within_s=limit_s)
 
-    async def _learn_age(self, lift: str) -> None:
-        if lift == self._aged_lift:
+    async def _learn_max_age(self, lift: str) -> None:
+        if lift == self._max_age_lift:
             return
         try:
             self._max_age_s = min((await self._manager.lift(lift)).max_age_s, SILENT_S)
-            self._aged_lift = lift
+            self._max_age_lift = lift
         except ClientError as error:
-            _log.debug("ride %s: how old the state of %s may be is not known yet: %s", self.id, lift, error)
+            _log.debug("ride %s: max_age_s of %s is not known yet: %s", self.id, lift, error)
 
-    async def _say(self, word: RideWord) -> Step:
-        before, self._said = self._said, word
-        self._saying = True
-        self._news.set()
+    async def _report(self, word: RideWord) -> Step:
+        before, self._reported = self._reported, word
+        self._is_reporting = True
+        self._changed.set()
         try:
-            return await self._until_taken(word)
+            return await self._report_until_accepted(word)
         except Refused:
-            self._said = before
+            self._reported = before
             raise
         finally:
-            self._saying = False
+            self._is_reporting = False
 
-    async def _until_taken(self, word: RideWord) -> Step:
+    async def _report_until_accepted(self, word: RideWord) -> Step:
         while True:
-            asked_at = self._leaves_at()
+            requested_at = self._next_request_time()
             try:
                 ride = await self._manager.ride_word(self.id, word, within_s=SILENT_S)
             except Refused:
-                # it may have been heard before, and the answer lost
-                await self._look()
-                if self._known.gone or is_owed(self._known.ride, word):
+                # an earlier attempt may have been accepted, and its reply lost
+                await self._poll()
+                if self._known.unknown_reason or is_unacknowledged(self._known.ride, word):
                     raise
                 return self.now
             except ClientError as error:
-                self._silence(error)
+                self._note_silence(error)
             else:
-                self._learn(ride, asked_at)
+                self._update(ride, requested_at)
                 return self.now
-            await asyncio.sleep(LOOK_EVERY_S)
+            await asyncio.sleep(POLL_EVERY_S)
 
-    def _silence(self, error: ClientError) -> None:
+    def _note_silence(self, error: ClientError) -> None:
         self._trouble = error.text if isinstance(error, Unreachable) else str(error)
-        self._greets = True
-        self._news.set()
+        self._must_announce = True
+        self._changed.set()
 
-    def _learn(self, ride: Ride, asked_at: float) -> None:
-        # answers may overtake each other: the question that left last has the newest
-        if asked_at >= self._known.asked_at and not self._known.gone:
-            self._known = KnownRide(ride, asked_at)
+    def _update(self, ride: Ride, requested_at: float) -> None:
+        # replies may overtake each other: the request that was sent last has the newest one
+        if requested_at >= self._known.requested_at and not self._known.unknown_reason:
+            self._known = KnownRide(ride, requested_at)
             self._trouble = ""
-            self._news.set()
+            self._changed.set()
 
-    async def _until_news(self) -> None:
+    async def _wait_for_change(self) -> None:
         known = self._known
-        good_until = known.asked_at + good_for_s(known.ride, self._max_age_s)
-        left_s = good_until - self._time()
-        silent = left_s < 0 or known.ride.phase in OVER
-        if not silent:
-            await _within(self._news.wait, left_s + 0.001)
+        good_until = known.requested_at + valid_for_s(known.ride, self._max_age_s)
+        valid_s = good_until - self._time()
+        is_silent = valid_s < 0 or known.ride.phase in OVER
+        if not is_silent:
+            await _wait_at_most(self._changed.wait, valid_s + 0.001)
         else:
-            await self._news.wait()
-        self._news.clear()
+            await self._changed.wait()
+        self._changed.clear()
 
-    def _leaves_at(self) -> float:
-        """Return when a question leaves that is about to: later than any before it, for some clocks tick in milliseconds."""
-        self._left_at = max(self._time(), nextafter(self._left_at, inf))
-        return self._left_at
+    def _next_request_time(self) -> float:
+        """Return the time of the request that is sent next: later than any before it, because some clocks tick in milliseconds."""
+        self._last_request_at = max(self._time(), nextafter(self._last_request_at, inf))
+        return self._last_request_at
 
     def _time(self) -> float:
         return asyncio.get_running_loop().time()
 
 
-async def _within(wait: Callable[[], Awaitable[object]], limit_s: float) -> None:
+async def _wait_at_most(wait: Callable[[], Awaitable[object]], limit_s: float) -> None:
     try:
         async with asyncio.timeout(max(0.0, limit_s)):
             await wait()
@@ -265,12 +265,17 @@ async def _within(wait: Callable[[], Awaitable[object]], limit_s: float) -> None
         return
 
 
-def _differs(step: Step, before: Step | None) -> bool:
-    """Whether a robot or its people would want to know. How long nothing was heard changes all the time."""
+def _is_different(step: Step, before: Step | None) -> bool:
+    """Whether a step differs in more than the running time of a silence."""
     if before is None:
         return True
-    if step.heard != before.heard or step.guidance != before.guidance:
+    if step.is_current != before.is_current or step.guidance != before.guidance:
         return True
-    then, new = before.ride, step.ride
-    told = (new.phase, new.lift, new.ahead, new.maybe_aboard) != (then.phase, then.lift, then.ahead, then.maybe_aboard)
-    return told or (step.heard and (step.reason, step.advice) != (before.reason, before.advice))
+    old, new = before.ride, step.ride
+    has_changed = (new.phase, new.lift, new.ahead, new.maybe_aboard) != (
+        old.phase,
+        old.lift,
+        old.ahead,
+        old.maybe_aboard,
+    )
+    return has_changed or (step.is_current and (step.reason, step.advice) != (before.reason, before.advice))

@@ -1,4 +1,4 @@
-"""What only makes sense across the fields of a site file and the maps it names. Every problem at once."""
+"""Checks a site file across its keys and the maps that it names, and returns every problem at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lift_manager.config.check_devices import check_devices
 from lift_manager.config.check_floors import check_floors
 from lift_manager.config.check_outputs import check_outputs
 from lift_manager.config.check_rmf import check_rmf
-from lift_manager.config.check_use import check_use, unsaid
+from lift_manager.config.check_use import check_unset, check_use
 from lift_manager.config.devices import POLL_S, devices, least_poll_s, links
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift, Site
@@ -27,49 +27,49 @@ def check_site(
     *,
     for_rmf: bool = False,
 ) -> list[Problem]:
-    """Return every problem. `maps` are by lift, as far as they could be read; `for_rmf`: used with RMF whatever the file says of it.
+    """Return every problem. `maps` are by lift, as far as they could be read; `for_rmf` assumes use with RMF, whatever the file says.
 
-    `unchanged` has the maps of lifts whose changes have mistakes, as they are without; `spare` the maps of controllers
-    that no lift is on. Lifts on a controller that is not there are left out: `references` finds these in the raw file.
+    `unchanged` has the maps of lifts whose changes have mistakes, without the changes; `spare` has the maps of controllers without a
+    lift. Lifts on an unknown controller are skipped: `check_references` finds them in the raw file.
     """
-    problems = [*_controllers(site), *_names(site), *check_rmf(site)]
-    plain = {name: loaded.map for name, loaded in maps.items()}
-    needs = links(site, plain, {name: loaded.map for name, loaded in spare.items()})
+    problems = [*_check_controllers(site), *_check_names(site), *check_rmf(site)]
+    plain_maps = {name: loaded.map for name, loaded in maps.items()}
+    needs = links(site, plain_maps, {name: loaded.map for name, loaded in spare.items()})
     known = {name: lift for name, lift in site.lifts.items() if lift.controller in site.controllers}
     for name, lift in known.items():
         key: Key = ("lifts", name)
         if (loaded := maps.get(name) or unchanged.get(name)) is not None:
-            problems += unsaid(key, lift, loaded)
-        if name in plain:
-            codec = compile_map(plain[name], offset=lift.offset)
+            problems += check_unset(key, lift, loaded)
+        if name in plain_maps:
+            codec = compile_map(plain_maps[name], offset=lift.offset)
             problems += check_devices(key, lift, codec)
             problems += check_floors(key, lift, codec)
-            problems += check_use(key, lift, plain[name])
-            problems += _timing(key, site, lift, plain[name], needs)
-        problems += _clearing(key, site, lift, for_rmf=for_rmf)
+            problems += check_use(key, lift, plain_maps[name])
+            problems += _check_timing(key, site, lift, plain_maps[name], needs)
+        problems += _check_clear_times(key, site, lift, for_rmf=for_rmf)
     problems += check_outputs(site, {name: maps[name] for name in known if name in maps})
     return problems
 
 
 def canonical_host(host: str) -> str:
-    """Return one spelling of a host, so that one controller is not taken for two."""
+    """Return the canonical spelling of a host, so that one controller is not counted as two."""
     host = host.lower().strip("[]")
     return "127.0.0.1" if host == "localhost" else host
 
 
-def _controllers(site: Site) -> Iterator[Problem]:
-    at: dict[tuple[str, int], str] = {}
+def _check_controllers(site: Site) -> Iterator[Problem]:
+    taken: dict[tuple[str, int], str] = {}
     for name, controller in site.controllers.items():
         address = (canonical_host(controller.host), controller.port)
-        if address in at:
+        if address in taken:
             message = (
-                f"{controller.host}:{controller.port} is controller {at[address]!r} already; lifts share one entry"
+                f"{controller.host}:{controller.port} is controller {taken[address]!r} already; lifts share one entry"
             )
             yield Problem(("controllers", name, "port"), message)
-        at.setdefault(address, name)
+        taken.setdefault(address, name)
 
 
-def _names(site: Site) -> Iterator[Problem]:
+def _check_names(site: Site) -> Iterator[Problem]:
     for name in site.lifts:
         if not re.fullmatch(LIFT_NAME, name):
             message = (
@@ -79,8 +79,8 @@ def _names(site: Site) -> Iterator[Problem]:
             yield Problem(("lifts", name), message)
 
 
-def _clearing(key: Key, site: Site, lift: Lift, *, for_rmf: bool) -> Iterator[Problem]:
-    """Yield limits of the door hold that leave robots too little time before OPEN is withdrawn."""
+def _check_clear_times(key: Key, site: Site, lift: Lift, *, for_rmf: bool) -> Iterator[Problem]:
+    """Yield time limits that leave robots too little time before OPEN is withdrawn."""
     uses_rmf = for_rmf or bool(site.rmf.model_fields_set or lift.rmf.model_fields_set)
     of_rmf = ("rmf.clear_s", site.rmf.clear_s if uses_rmf else 0.0)
     limits = {
@@ -98,7 +98,7 @@ def _clearing(key: Key, site: Site, lift: Lift, *, for_rmf: bool) -> Iterator[Pr
             yield Problem((*key, name), message)
 
 
-def _timing(
+def _check_timing(
     key: Key, site: Site, lift: Lift, source: RegisterMap, needs: Mapping[str, LinkDefaults]
 ) -> Iterator[Problem]:
     used = devices(site, lift, source)

@@ -1,4 +1,4 @@
-"""Whether every lift and every floor has a name of its own in RMF's building map, what is told of a fire makes sense, and doors stay open."""
+"""Checks the names of lifts and floors in RMF's building map, the settings of fire alarms, and door holds."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ from lift_manager.config.site import Lift, LiftRmf, Rmf, Site
 from register_maps.schema import CALLS, RegisterMap
 from register_maps.words import Side
 
-_WHILE_ABOARD = ("robot_in_place", "robot_left")
-"""A call that ends with one of these words of the robot is what keeps the door open until then."""
+_ROBOT_REPORTS = ("robot_in_place", "robot_left")
+"""A call that lasts until one of these reports of the robot keeps the door open until then."""
 
 
 def check_rmf(site: Site) -> Iterator[Problem]:
-    """Yield names that two lifts or two floors share, floors that a lift does not have, and settings that do nothing."""
-    yield from _alarms(site.rmf)
-    named: dict[str, str] = {}
+    """Yield names that two lifts or floors share, unknown floors, and settings without effect."""
+    yield from _check_alarms(site.rmf)
+    taken: dict[str, str] = {}
     for name, lift in site.lifts.items():
-        key, said = ("lifts", name), lift.rmf.name
-        in_rmf = said or name
-        if in_rmf in named:
-            where: Key = (*key, "rmf", "name") if said else key
+        key, rmf_names = ("lifts", name), lift.rmf.name
+        in_rmf = rmf_names or name
+        if in_rmf in taken:
+            where: Key = (*key, "rmf", "name") if rmf_names else key
             message = (
-                f"RMF knows {in_rmf} as the lift {named[in_rmf]} already; give one of them another name with `rmf: {{name: ...}}`,"
+                f"RMF knows {in_rmf} as the lift {taken[in_rmf]} already; give one of them another name with `rmf: {{name: ...}}`,"
                 " as RMF's building map has it"
             )
             yield Problem(where, message)
-        named.setdefault(in_rmf, name)
-        yield from _floors(key, name, lift)
+        taken.setdefault(in_rmf, name)
+        yield from _check_floors(key, name, lift)
 
 
-def is_in_rmf(lift: Lift) -> bool:
-    """Whether the site says what RMF calls a lift or its floors."""
+def uses_rmf_names(lift: Lift) -> bool:
+    """Whether the site file names a lift or its floors for RMF."""
     return lift.rmf != LiftRmf()
 
 
 def unheld_doors(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
-    """Yield what an installer has to know of doors that RMF is told are open, and that nothing here keeps open."""
+    """Yield cautions about doors that are announced to RMF as open and that no command holds open."""
     if lift.access == "monitor" or any(
-        command in source.commands and source.commands[command].until in _WHILE_ABOARD for command in CALLS
+        command in source.commands and source.commands[command].until in _ROBOT_REPORTS for command in CALLS
     ):
         return
     served = {side for floor in lift.floors.values() for side in floor.doors or tuple(Side)}
@@ -52,26 +52,26 @@ def unheld_doors(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
         )
 
 
-def _floors(key: Key, name: str, lift: Lift) -> Iterator[Problem]:
-    said = lift.rmf.floors
-    for floor in (floor for floor in said if floor not in lift.floors):
+def _check_floors(key: Key, name: str, lift: Lift) -> Iterator[Problem]:
+    rmf_names = lift.rmf.floors
+    for floor in (floor for floor in rmf_names if floor not in lift.floors):
         message = (
             f"{name} has no floor {floor}; write one of its floors, {', '.join(lift.floors)}, and behind it RMF's name"
         )
         yield Problem((*key, "rmf", "floors", floor), message)
-    named: dict[str, str] = {}
+    taken: dict[str, str] = {}
     for floor in lift.floors:
-        in_rmf = said.get(floor, floor)
-        if in_rmf in named:
-            at = floor if floor in said else named[in_rmf]
+        in_rmf = rmf_names.get(floor, floor)
+        if in_rmf in taken:
+            at = floor if floor in rmf_names else taken[in_rmf]
             message = (
-                f"RMF knows {in_rmf} as the floor {named[in_rmf]} of {name} already; each floor needs a name of its own"
+                f"RMF knows {in_rmf} as the floor {taken[in_rmf]} of {name} already; each floor needs a name of its own"
             )
             yield Problem((*key, "rmf", "floors", at), message)
-        named.setdefault(in_rmf, floor)
+        taken.setdefault(in_rmf, floor)
 
 
-def _alarms(rmf: Rmf) -> Iterator[Problem]:
+def _check_alarms(rmf: Rmf) -> Iterator[Problem]:
     if rmf.emergency_fleets and not rmf.emergency_signal:
         message = "names the fleets of a signal that is not sent; add `emergency_signal: true`, or remove this line"
         yield Problem(("rmf", "emergency_fleets"), message)

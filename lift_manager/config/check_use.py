@@ -1,4 +1,4 @@
-"""Whether robots can use a lift as its site says: what its map must show, and what it must ask for before it moves."""
+"""Checks that robots can use a lift as configured: the signals and conditions that its map must have."""
 
 from __future__ import annotations
 
@@ -13,35 +13,38 @@ from register_maps.schema import CALLS, Parameter, RegisterMap
 from register_maps.vocabulary import HANDSHAKE
 from register_maps.words import Side
 
-_FREED_FROM_GROUP = frozenset({"robot_mode_on", "independent"})
-"""Flags of which one shows that a car answers to us alone, and not to the landing calls of its group."""
+_INDEPENDENCE_FLAGS = frozenset({"robot_mode_on", "independent"})
+"""Flags of which one shows that a car ignores the landing calls of its group."""
 
 
-def unsaid(key: Key, lift: Lift, loaded: LoadedMap) -> Iterator[Problem]:
-    """Yield what this map leaves to the site, and the site has not said: parameters and signals."""
+def check_unset(key: Key, lift: Lift, loaded: LoadedMap) -> Iterator[Problem]:
+    """Yield parameters and signals that the map leaves to the site, and that the site does not set."""
     source = loaded.map
     for name in loaded.unset:
         if name not in lift.parameters:
-            about = source.parameters[name]
-            message = f"is not set, and {source.name} cannot know it: {about.help} ({_allowed(about)})"
+            parameter = source.parameters[name]
+            message = f"is not set, and {source.name} cannot know it: {parameter.help} ({_allowed_values(parameter)})"
             yield Problem((*key, "parameters", name), message)
     added = added_signals(lift.override)
     for name, reason in source.needs.items():
         if name not in added:
-            yield Problem((*key, "override", "signals", name), f"{_missing(source, name)} ({reason}); {_add(name)}")
+            yield Problem(
+                (*key, "override", "signals", name), f"{_missing_text(source, name)} ({reason}); {_add_advice(name)}"
+            )
 
 
 def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
-    """Yield what keeps this lift from being watched, or from being commanded."""
+    """Yield what prevents monitoring or commanding this lift."""
     if "car_floor" not in source.signals and "car_floor" not in source.needs:
         yield Problem(
-            (*key, "override", "signals", "car_floor"), f"{_missing(source, 'car_floor')}; {_add('car_floor')}"
+            (*key, "override", "signals", "car_floor"),
+            f"{_missing_text(source, 'car_floor')}; {_add_advice('car_floor')}",
         )
-    wants_words = source.needs_occupancy or bool(HANDSHAKE & source.commands.keys())
-    if (lift.rmf.name or lift.rmf.floors) and wants_words and not lift.infer_occupancy and lift.access == "control":
+    uses_handshake = source.needs_occupancy or bool(HANDSHAKE & source.commands.keys())
+    if (lift.rmf.name or lift.rmf.floors) and uses_handshake and not lift.infer_occupancy and lift.access == "control":
         message = f"{source.name} has to be told when a robot is in place, and RMF has no word for it: no request of RMF would be taken; add `infer_occupancy: true` to this lift"
         yield Problem((*key, "rmf"), message)
-    if lift.infer_occupancy and not wants_words:
+    if lift.infer_occupancy and not uses_handshake:
         message = f"{source.name} is told nothing about a robot aboard, so there is nothing to infer; remove this line"
         yield Problem((*key, "infer_occupancy"), message)
     for index, covered_by in superfluous(lift.robot_hours or ()):
@@ -53,28 +56,28 @@ def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
         yield from _group(key, lift, source)
 
 
-def _missing(source: RegisterMap, signal: str) -> str:
+def _missing_text(source: RegisterMap, signal: str) -> str:
     if signal == "car_floor":
         return f"{source.name} tells nobody where its car is"
     return f"{source.name} does not tell {signal}"
 
 
-def _add(signal: str) -> str:
+def _add_advice(signal: str) -> str:
     return f"add {signal} under `override: signals`, on a second endpoint if need be"
 
 
-def _allowed(about: Parameter) -> str:
-    if about.choices is not None:
-        return f"one of {', '.join(about.choices)}"
-    if about.range is not None:
-        return f"{about.range[0]:g} to {about.range[1]:g}"
-    return "text" if isinstance(about.value, str) else "a number"
+def _allowed_values(parameter: Parameter) -> str:
+    if parameter.choices is not None:
+        return f"one of {', '.join(parameter.choices)}"
+    if parameter.range is not None:
+        return f"{parameter.range[0]:g} to {parameter.range[1]:g}"
+    return "text" if isinstance(parameter.value, str) else "a number"
 
 
 def _door(key: Key, source: RegisterMap) -> Iterator[Problem]:
     doors = [f"door.{side}" for side in Side]
     if not any(door in source.signals or door in source.needs for door in doors):
-        message = f"{source.name} does not tell whether a door is open, and no robot may guess; {_add(doors[0])}, or use `access: monitor`"
+        message = f"{source.name} does not tell whether a door is open, and no robot may guess; {_add_advice(doors[0])}, or use `access: monitor`"
         yield Problem((*key, "access"), message)
 
 
@@ -90,15 +93,15 @@ def _latching(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
 
 
 def _group(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
-    free = [
+    unguarded = [
         name
         for name, command in source.commands.items()
-        if name in CALLS and name != "go" and not _FREED_FROM_GROUP & set(command.requires)
+        if name in CALLS and name != "go" and not _INDEPENDENCE_FLAGS & set(command.requires)
     ]
-    if lift.group is not None and free:
+    if lift.group is not None and unguarded:
         message = (
-            f"{lift.group} may send this car elsewhere while a robot waits for it or rides in it, and {', '.join(free)} of {source.name} "
+            f"{lift.group} may send this car elsewhere while a robot waits for it or rides in it, and {', '.join(unguarded)} of {source.name} "
             "does not ask whether the car is taken out of the group; where the controller can do that, add "
-            f"`requires: [robot_mode_on]` (or `independent`) to {', '.join(free)} under `override: commands`, else use `access: monitor`"
+            f"`requires: [robot_mode_on]` (or `independent`) to {', '.join(unguarded)} under `override: commands`, else use `access: monitor`"
         )
         yield Problem((*key, "access"), message)

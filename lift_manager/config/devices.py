@@ -11,7 +11,14 @@ from register_maps.schema import LinkDefaults, RegisterMap
 POLL_S = 0.2
 """From one poll to the next where nothing asks for more. Chosen: five readings in the second after which a reading counts no more."""
 
-_SAID_BY_SITE = ("timeout_s", "min_gap_s", "reconnect_min_s", "max_registers_per_read", "max_bits_per_read", "tid_echo")
+_SITE_SETTINGS = (
+    "timeout_s",
+    "min_gap_s",
+    "reconnect_min_s",
+    "max_registers_per_read",
+    "max_bits_per_read",
+    "tid_echo",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +34,13 @@ def devices(site: Site, lift: Lift, source: RegisterMap) -> dict[str, Device]:
 
     Endpoints that the site has not placed, or on no controller of its own, are left out.
     """
-    placed = {"": Device(lift.controller, _unit(lift.unit_id, site.controllers[lift.controller], source.unit_of("")))}
+    placed = {
+        "": Device(lift.controller, _unit_id(lift.unit_id, site.controllers[lift.controller], source.unit_of("")))
+    }
     for name in source.endpoints:
         place = lift.endpoints.get(name)
         if place is not None and place.controller in site.controllers:
-            unit = _unit(place.unit_id, site.controllers[place.controller], source.unit_of(name))
+            unit = _unit_id(place.unit_id, site.controllers[place.controller], source.unit_of(name))
             placed[name] = Device(place.controller, unit)
     return placed
 
@@ -46,12 +55,12 @@ def links(site: Site, maps: Mapping[str, RegisterMap], spare: Mapping[str, Regis
         here = [maps[lift].link for lift, spec in site.lifts.items() if spec.controller == name and lift in maps]
         if not here and name in spare:
             here = [spare[name].link]
-        said = {key: getattr(controller, key) for key in _SAID_BY_SITE if getattr(controller, key) is not None}
-        found[name] = strictest(here).model_copy(update=said)
+        said = {key: getattr(controller, key) for key in _SITE_SETTINGS if getattr(controller, key) is not None}
+        found[name] = strictest_needs(here).model_copy(update=said)
     return found
 
 
-def strictest(needs: Iterable[LinkDefaults]) -> LinkDefaults:
+def strictest_needs(needs: Iterable[LinkDefaults]) -> LinkDefaults:
     """Return what satisfies all of these devices at once; the defaults where there is none. Unit ids are the first one's."""
     every = list(needs) or [LinkDefaults()]
     slots = [link.max_connections for link in every if link.max_connections is not None]
@@ -77,5 +86,5 @@ _LEAST = (
 )
 
 
-def _unit(said: int | None, controller: Controller, default: int) -> int:
+def _unit_id(said: int | None, controller: Controller, default: int) -> int:
     return next(unit for unit in (said, controller.unit_id, default) if unit is not None)

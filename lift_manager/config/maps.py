@@ -1,4 +1,4 @@
-"""The maps of a site: read once for each lift, with what the site file says about them."""
+"""Loads the maps of a site, with the changes of the site file for each lift."""
 
 from __future__ import annotations
 
@@ -16,43 +16,45 @@ from register_maps.source import KeyPath, Source
 
 @dataclass(slots=True)
 class Maps:
-    """Every map that a site file names, as far as it could be read."""
+    """All maps that a site file names, as far as they could be read."""
 
     lifts: dict[str, LoadedMap] = field(default_factory=dict)
-    """By lift, with the site's changes."""
+    """By lift, with the changes of the site."""
     unchanged: dict[str, LoadedMap] = field(default_factory=dict)
-    """By lift, for those whose changes have mistakes: the map as it is."""
+    """By lift, if its changes have mistakes: the map without the changes."""
     spare: dict[str, LoadedMap] = field(default_factory=dict)
-    """By controller, for those that no lift is on."""
+    """By controller, if no lift uses it."""
     findings: list[Finding] = field(default_factory=list)
-    """Mistakes of a map, at their places in its own file, and of the changes, at theirs in the site file."""
+    """Mistakes of a map, located in its own file, and of the changes, located in the site file."""
 
 
-def load_maps(source: Source, near: Path) -> Maps:
-    """Load the map of every lift; works on the raw file, for it may not be a site yet, and its number keys are still numbers."""
+def load_maps(source: Source, base: Path) -> Maps:
+    """Load the map of every lift; works on the raw file, which may not be valid yet, and whose number keys are still numbers."""
     named = dict(_named_maps(source.data))
     found = Maps()
-    plain = _Plain(source, near, named)
+    unchanged_maps = _UnchangedMaps(source, base, named)
     used: set[str] = set()
     for name, lift in tables(source.data, "lifts"):
         controller = lift.get("controller")
         if not isinstance(controller, str) or controller not in named:
             continue
         used.add(controller)
-        changes = _changes(source, name, lift)
+        changes = _map_changes(source, name, lift)
         if not changes.are_any:
-            if (loaded := plain.load(controller, found.findings)) is not None:
+            if (loaded := unchanged_maps.load(controller, found.findings)) is not None:
                 found.lifts[name] = loaded
-        elif not _spoiled(source, name):
-            _load_changed(_Place(source, name, controller, near), named[controller], changes, plain, found)
+        elif not _has_unreadable_changes(source, name):
+            _load_changed(
+                _LiftLocation(source, name, controller, base), named[controller], changes, unchanged_maps, found
+            )
     for controller in named.keys() - used:
-        if (loaded := plain.load(controller, found.findings)) is not None:
+        if (loaded := unchanged_maps.load(controller, found.findings)) is not None:
             found.spare[controller] = loaded
     return found
 
 
 def tables(data: object, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the named tables under a key, as far as the file has them."""
+    """Yield the tables under a key, by name, as far as the file has them."""
     table = data.get(key) if isinstance(data, dict) else None
     for name, item in table.items() if isinstance(table, dict) else ():
         if isinstance(item, dict):
@@ -60,7 +62,7 @@ def tables(data: object, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def is_value_table(path: KeyPath) -> bool:
-    """Whether the keys of a table in a site file may be numbers: the codes and positions of a signal that a lift overrides."""
+    """Whether the keys of a table may be numbers: the codes and positions of a signal that a lift overrides."""
     return (
         len(path) == 6
         and (path[0], *path[2:4]) == ("lifts", "override", "signals")
@@ -69,25 +71,25 @@ def is_value_table(path: KeyPath) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _LiftLocation:
     source: Source
     lift: str
     controller: str
-    near: Path
+    base: Path
 
 
-class _Plain:
-    """Maps as they are, each read once."""
+class _UnchangedMaps:
+    """Maps without changes, each read once."""
 
-    def __init__(self, source: Source, near: Path, named: dict[str, str]) -> None:
+    def __init__(self, source: Source, base: Path, named: dict[str, str]) -> None:
         self._source = source
-        self._near = near
+        self._near = base
         self._named = named
         self._read: dict[str, LoadedMap | tuple[Finding, ...]] = {}
-        """By the name or path that controllers give; many controllers are of one sort."""
+        """By the name or path that controllers give; many controllers share a map."""
 
     def load(self, controller: str, findings: list[Finding]) -> LoadedMap | None:
-        """Return the map of a controller; where it has mistakes, they are added to `findings`."""
+        """Return the map of a controller; if it has mistakes, add them to `findings`."""
         known = self.known(controller)
         if isinstance(known, LoadedMap):
             return known
@@ -104,47 +106,49 @@ class _Plain:
         read = self._read[named]
         if isinstance(read, LoadedMap):
             return read
-        return tuple(_at_map_key(self._source, controller, finding) for finding in read)
+        return tuple(_as_site_finding(self._source, controller, finding) for finding in read)
 
 
-def _load_changed(place: _Place, named: str, changes: MapChanges, plain: _Plain, found: Maps) -> None:
+def _load_changed(
+    place: _LiftLocation, named: str, changes: MapChanges, unchanged_maps: _UnchangedMaps, found: Maps
+) -> None:
     try:
-        found.lifts[place.lift] = load(named, near=place.near, changes=changes)
+        found.lifts[place.lift] = load(named, near=place.base, changes=changes)
     except MapFileError as error:
-        known = plain.known(place.controller)
+        known = unchanged_maps.known(place.controller)
         if isinstance(known, LoadedMap):
             found.unchanged[place.lift] = known
-        for finding in _of_changes(place, named, changes, error, known):
+        for finding in _findings_of_changes(place, named, changes, error, known):
             if finding not in found.findings:
                 found.findings.append(finding)
 
 
-def _of_changes(
-    place: _Place, named: str, changes: MapChanges, error: MapFileError, known: LoadedMap | tuple[Finding, ...]
+def _findings_of_changes(
+    place: _LiftLocation, named: str, changes: MapChanges, error: MapFileError, known: LoadedMap | tuple[Finding, ...]
 ) -> Iterator[Finding]:
-    """Say a mistake that a map has only under the site's changes where the site makes it."""
-    misfits = list(_misfits(place, changes, known)) if isinstance(known, LoadedMap) else []
+    """Locate mistakes that a map has only with the changes of the site at these changes."""
+    misfits = list(_parameter_findings(place, changes, known)) if isinstance(known, LoadedMap) else []
     yield from misfits
-    own = () if isinstance(known, LoadedMap) else known
+    known_findings = () if isinstance(known, LoadedMap) else known
     unset = isinstance(known, LoadedMap) and not changes.parameters.keys() >= set(known.unset)
-    for finding in (_at_map_key(place.source, place.controller, finding) for finding in error.findings):
-        if finding.file == place.source.file or finding in own:
+    for finding in (_as_site_finding(place.source, place.controller, finding) for finding in error.findings):
+        if finding.file == place.source.file or finding in known_findings:
             yield finding
-        elif not misfits and not unset:  # else it may well be what follows from a value that is wrong, or not there
+        elif not misfits and not unset:  # otherwise it may be a consequence of a wrong or missing value
             message = f"with this, {finding.key} of {named} is wrong: {finding.message}"
             yield place.source.finding(("lifts", place.lift, *_cause(changes, finding)), message)
 
 
-def _misfits(place: _Place, changes: MapChanges, known: LoadedMap) -> Iterator[Finding]:
-    """Yield parameters out of range, in the words of the map's own check: that is silent where they leave no map to check."""
+def _parameter_findings(place: _LiftLocation, changes: MapChanges, known: LoadedMap) -> Iterator[Finding]:
+    """Yield parameters out of range, with the messages of the map check, which does not run if they leave no valid map."""
     for name, value in changes.parameters.items():
-        about = known.map.parameters.get(name)
-        if about is not None and (problem := about.find_problem(value)) is not None:
-            yield place.source.finding(("lifts", place.lift, "parameters", name), f"{problem} ({about.help})")
+        parameter = known.map.parameters.get(name)
+        if parameter is not None and (problem := parameter.find_problem(value)) is not None:
+            yield place.source.finding(("lifts", place.lift, "parameters", name), f"{problem} ({parameter.help})")
 
 
-def _at_map_key(source: Source, controller: str, finding: Finding) -> Finding:
-    """Findings of a map stay where they are in its file; a map that cannot be found is a mistake of the site file."""
+def _as_site_finding(source: Source, controller: str, finding: Finding) -> Finding:
+    """Return a finding of a map as it is, but locate a missing map in the site file."""
     return source.finding(("controllers", controller, "map"), finding.message) if finding.line is None else finding
 
 
@@ -159,8 +163,8 @@ def _cause(changes: MapChanges, finding: Finding) -> KeyPath:
     return ("override",)
 
 
-def _changes(source: Source, lift: str, said: dict[str, Any]) -> MapChanges:
-    parameters, override = said.get("parameters"), said.get("override")
+def _map_changes(source: Source, lift: str, lift_table: dict[str, Any]) -> MapChanges:
+    parameters, override = lift_table.get("parameters"), lift_table.get("override")
     return MapChanges(
         {name: value for name, value in parameters.items() if is_parameter_value(value)}
         if isinstance(parameters, dict)
@@ -170,8 +174,8 @@ def _changes(source: Source, lift: str, said: dict[str, Any]) -> MapChanges:
     )
 
 
-def _spoiled(source: Source, lift: str) -> bool:
-    """Whether a value of the changes could not be read: what a map says about its stand-in is nobody's mistake."""
+def _has_unreadable_changes(source: Source, lift: str) -> bool:
+    """Whether a value of the changes could not be read; findings about its substitute would be misleading."""
     return any(path[:2] == ("lifts", lift) and path[2:3] in (("parameters",), ("override",)) for path in source.spoiled)
 
 

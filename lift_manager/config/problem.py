@@ -1,4 +1,4 @@
-"""A mistake in a site file, before anybody knows its line."""
+"""A mistake in a site file, before its line is known."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One mistake: where it is in the site file, and how to mend it."""
+    """One mistake: its key in the site file, and how to correct it."""
 
     key: Key
     message: str

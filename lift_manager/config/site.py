@@ -1,4 +1,4 @@
-"""What a site file may say: one building's controllers and lifts."""
+"""The model of a site file: the controllers and lifts of one building."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Seconds = Annotated[float, Field(gt=0, le=86400)]
 Clear = Annotated[float, Field(gt=0, le=600)]
 """What a robot needs to be out of a doorway."""
 Wait = Annotated[float, Field(gt=0, le=10)]
-"""For an answer, a connection or a fresh reading: whoever waits longer than this has no news but history."""
+"""Time limit for a reply, a connection or a fresh reading: anything longer would be history, not news."""
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]
 FileName = Annotated[
     str,
@@ -59,7 +59,7 @@ class Floor(_Part):
     code: Code
     """What the controller calls it."""
     doors: tuple[Side, ...] | None = None
-    """Which doors serve it; all doors of the map when not said."""
+    """Which doors serve it; by default all doors of the map."""
 
 
 def _form(value: object) -> str:
@@ -81,7 +81,7 @@ else:
 
 
 def is_parameter_value(value: object) -> bool:
-    """Whether a parameter of a map may be this: a number or text, not yes or no."""
+    """Whether a value may be a parameter of a map: a number or text, not a boolean."""
     return isinstance(value, int | float | str) and not isinstance(value, bool)
 
 
@@ -94,7 +94,7 @@ def _parameter_value(value: object) -> object:
 if TYPE_CHECKING:
     Given = ParameterValue
 else:
-    # not a union: pydantic would speak of its branches, one after the other
+    # not a union: pydantic would report each of its branches
     Given = Annotated[Any, AfterValidator(_parameter_value)]
 
 
@@ -106,7 +106,7 @@ def _hours(text: str) -> Hours:
 
 
 def _not_none_at_all(hours: tuple[Hours, ...]) -> tuple[Hours, ...]:
-    # not `min_length`: pydantic would count an entry with a mistake as no entry, and say so too
+    # not `min_length`: pydantic would not count an entry with a mistake, and report that too
     if not hours:
         raise PydanticCustomError(
             "robot_hours", "names no hours; leave it out, or keep robots off with `access: monitor`"
@@ -124,7 +124,7 @@ def _zone(name: str) -> str:
 
 
 def _host(text: str) -> str:
-    """Refuse what can be neither a name nor an address, though it looks like one."""
+    """Refuse what can be neither a name nor an address, although it looks like one."""
     if "/" in text or " " in text:
         raise PydanticCustomError("host", "must be a name or an address alone, such as 192.0.2.5 or lift-plc.example")
     name, colon, port = text.partition(":")
@@ -172,13 +172,13 @@ else:
 
 
 class ApiTls(_Part):
-    """What the manager shows to its clients, and what they have to show. Files in PEM form."""
+    """The certificate of the manager, and the CA of its clients. Files in PEM form."""
 
     certificate: FileName
-    """The manager's, and after it those between it and its CA."""
+    """That of the manager, followed by the intermediate ones."""
     key: FileName
     client_ca: FileName | None = None
-    """Then only clients with a certificate of this CA are heard."""
+    """If set, only clients with a certificate of this CA are accepted."""
 
 
 class Api(_Part):
@@ -188,35 +188,35 @@ class Api(_Part):
     port: Port = 5003
     """5003 is where clients of the Open-RMF workshop look."""
     tls: ApiTls | None = None
-    """HTTPS, and nothing else on that port; plain HTTP when not said."""
+    """HTTPS only; plain HTTP by default."""
     without_keys: Text | None = None
-    """Why it is acceptable that whoever reaches another address than loopback may ask anything while there are no keys."""
+    """Why it is acceptable that any caller on a network address may send any request while there are no keys."""
     host_names: tuple[Host, ...] = ()
-    """Names by which clients address the manager, beside its addresses and localhost: others are refused while there are no keys."""
+    """Names by which clients address the manager, besides its addresses and localhost; others are refused while there are no keys."""
     trusted_proxies: tuple[SomeNetwork, ...] = ()
-    """Addresses and networks of proxies, through which many clients connect: the limit on connections of one client is none for them."""
+    """Addresses and networks of proxies for many clients, which the connection limit per client does not apply to."""
 
 
 class ControllerTls(_Part):
-    """What one controller has to show, and what is shown to it: Modbus/TCP Security. Files in PEM form."""
+    """Modbus/TCP Security: the CA of a controller, and the certificate of the manager. Files in PEM form."""
 
     ca: FileName
     """The CA of the controller's certificate, or that certificate itself."""
     certificate: FileName
-    """Ours. A role that the controller knows us by is part of it."""
+    """That of the manager, with the role by which the controller knows it."""
     key: FileName
     server_name: Text | None = None
-    """The name or address in the controller's certificate, where that is not its `host`."""
+    """The name or address in the certificate of the controller, if that is not its `host`."""
 
 
 class Controller(_Part):
-    """One device at one address. What is left out comes from its map."""
+    """One device at one address. Defaults come from its map."""
 
     host: Host
     tls: ControllerTls | None = None
     said_port: Port | None = Field(default=None, alias="port")
     map: Text | None = None
-    """A shipped map by name, or a path relative to the site file. Only a controller that serves endpoints alone needs none."""
+    """A shipped map by name, or a path relative to the site file. Only a controller that serves only endpoints needs none."""
     unit_id: UnitId | None = None
     timeout_s: Wait | None = None
     connect_timeout_s: Wait = 1.0
@@ -228,18 +228,18 @@ class Controller(_Part):
 
     @property
     def port(self) -> int:
-        """Where it is connected to: 502, or 802 over TLS, when not said."""
+        """The port to connect to; by default 502, or 802 over TLS."""
         if self.said_port is not None:
             return self.said_port
         return MODBUS_PORT if self.tls is None else SECURE_PORT
 
 
 class Endpoint(_Part):
-    """Where one further device of a lift is."""
+    """The address of a further device of a lift."""
 
     controller: Text
     unit_id: UnitId | None = None
-    """Its controller's when not said, else the map's."""
+    """By default that of its controller, otherwise that of the map."""
 
 
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
@@ -251,37 +251,37 @@ RosName = Annotated[
 
 
 class Rmf(_Part):
-    """What Open-RMF is told, and where it is found."""
+    """The settings of Open-RMF."""
 
     clear_s: Clear = 30.0
-    """`clear_s` of a lift for the sessions of RMF, whose robots set out on one OPEN and do not look again."""
+    """`clear_s` of a lift for sessions of RMF, whose robots start on one OPEN and do not check again."""
     end_grace_s: Annotated[float, Field(ge=0, le=LONGEST_GRACE_S)] = RmfRules().end_grace_s
-    """How long door hold and robot mode stay after END_SESSION, should the session go on after all."""
+    """How long door hold and robot mode stay after END_SESSION, in case the session continues after all."""
     fire_alarm: bool = False
-    """Tell of a fire on `fire_alarm_trigger`: every fleet of that RMF evacuates."""
+    """Publish a fire on `fire_alarm_trigger`: every fleet of that RMF evacuates."""
     emergency_signal: bool = False
-    """Tell of it on `emergency_signal`, which kilted and later know."""
+    """Publish it on `emergency_signal`, which kilted and later support."""
     emergency_fleets: tuple[Text, ...] = ()
-    """The fleets that it names; all of them when not said."""
+    """The fleets that it names; by default all of them."""
     clear_on_acknowledge: bool = False
-    """Tell once that it is over when a person has acknowledged. That clears the alarms of others, too."""
+    """Publish its end once a person has acknowledged it. This clears the alarms of others, too."""
     namespace: RosName | None = None
-    """Before both topics."""
+    """Prefix of both topics."""
     lift_states: RosName = "lift_states"
     lift_requests: RosName = "lift_requests"
     adapter_lift_requests: RosName = "adapter_lift_requests"
     adapter_id: Annotated[str, StringConstraints(max_length=ADAPTER_ID_LIMIT, pattern=ADAPTER_ID)] = ""
-    """Of the adapter inside the manager, where others are beside it; made of domain and namespace when not said."""
+    """The id of the adapter in the manager, if there are other adapters; by default made of domain and namespace."""
     domain: Annotated[int, Field(strict=True, ge=0, le=232)] | None = None
-    """That of ROS_DOMAIN_ID when not said."""
+    """By default that of ROS_DOMAIN_ID."""
     peers: tuple[Text, ...] = ()
-    """Addresses to look for RMF at where there is no multicast."""
+    """Addresses of RMF, for networks without multicast."""
     use_sim_time: bool = False
-    """Take the time from /clock, as the nodes of a simulation do."""
+    """Use the time of /clock, as the nodes of a simulation do."""
 
     @property
     def rules(self) -> RmfRules:
-        """What of it the manager tells every adapter."""
+        """The part of it that the manager passes to every adapter."""
         return RmfRules(
             end_grace_s=self.end_grace_s,
             fire_alarm=self.fire_alarm,
@@ -292,11 +292,11 @@ class Rmf(_Part):
 
 
 class LiftRmf(_Part):
-    """One lift as RMF's building map names it; what is left out is named there as here."""
+    """The names of one lift in RMF's building map; by default those of the site file."""
 
     name: Text | None = None
     floors: dict[Text, Text] = Field(default_factory=dict)
-    """Our floor to RMF's."""
+    """RMF's name of a floor, by its name here."""
 
 
 class Lift(_Part):
@@ -304,51 +304,51 @@ class Lift(_Part):
 
     controller: Text
     display_name: DisplayName | None = None
-    """What people call it; its name when not said."""
+    """The name for people; by default its name."""
     parameters: dict[Text, Given] = Field(default_factory=dict)
     """Values for the parameters of its map."""
     override: dict[Text, Any] = Field(default_factory=dict)
-    """Laid over its map, key by key, in the words of the map. Keys that are numbers are text here: LoadedSite.maps has the result."""
+    """Changes to its map, key by key, in the format of a map. Number keys are text here: LoadedSite.maps has the result."""
     endpoints: dict[Text, Endpoint] = Field(default_factory=dict)
-    """The map's endpoints by name; every one of them has its place here."""
+    """The endpoints of the map by name; all of them are required."""
     floors: dict[Text, AnyFloor] = Field(min_length=2)
     """Lowest first."""
     access: Literal["monitor", "control"] = "monitor"
-    """`monitor` writes not one byte."""
+    """`monitor` never writes."""
     offset: dict[Table, Annotated[int, Field(strict=True, ge=-65535, le=65535)]] = Field(default_factory=dict)
-    """Moves every address of a table of the controller itself, for one lift of several on it."""
+    """Moves all addresses of a table of the controller itself, for one of several lifts on it."""
     unit_id: UnitId | None = None
     group: Text | None = None
-    """The group that answers its landing calls together with other lifts."""
+    """The group with which it shares landing calls."""
     infer_occupancy: bool = False
-    """A caller without a word for it boards and leaves by what it asks."""
+    """Infer from the requests of a caller whether its robot boards and leaves, if the caller cannot report it."""
     board_min_s: Annotated[float, Field(ge=0, le=600)] = 5.0
-    """A floor asked sooner than this after the door stood open is no sign of boarding."""
+    """A request for a floor sooner than this after the door opened does not indicate boarding."""
     poll_s: Annotated[float, Field(ge=0.02, le=60)] | None = None
-    """0.2, or `min_poll_s` of the map where that is more."""
+    """By default 0.2, or `min_poll_s` of the map if that is more."""
     max_age_s: Wait | None = None
     lease_s: Seconds = 300.0
     max_session_hold_s: Seconds = 900.0
     max_session_s: Seconds = 3600.0
-    """How long a session lasts at most, renewed or not; it ends when no robot is under way."""
+    """The longest duration of a session, renewed or not; it ends when no robot is under way."""
     clear_s: Clear = 10.0
-    """From the withdrawal of OPEN to the release of a held door, where the manager knows the end of the hold beforehand."""
+    """From the withdrawal of OPEN to the release of a held door, if the manager knows the end of the hold in advance."""
     takeover_after_s: Seconds | None = None
-    """A holder that is silent for so long loses an empty car to the next caller; never when not said."""
+    """A holder that is silent for this long loses an empty car to the next caller; by default never."""
     robot_hours: Annotated[tuple[SomeHours, ...], AfterValidator(_not_none_at_all)] | None = None
-    """When robots may begin, by the clock on the building's wall; always when not said."""
+    """When robots may begin, in the local time of the building; by default always."""
     between_sessions_s: Annotated[float, Field(ge=0, le=600)] = 5.0
-    """What people get for themselves between two robots."""
+    """Time reserved for people between two robots."""
     fire_release_delay_s: Annotated[float, Field(ge=0, le=10)] = 0.0
-    """From telling robots of a fire to letting everything go. Bounded: a robot at 0.5 m/s is out of a doorway in two seconds."""
+    """From announcing a fire to robots to releasing everything. Bounded: a robot at 0.5 m/s is out of a doorway in two seconds."""
     rmf: LiftRmf = LiftRmf()
     """Its names in RMF's building map."""
     accept_latching: Text | None = None
-    """Why it is acceptable that an output stays on when this manager is lost and nothing lets it go."""
+    """Why it is acceptable that an output stays on when this manager is lost and nothing releases it."""
 
 
 class Journal(_Part):
-    """How much is kept of what was done. The oldest rows go first."""
+    """The limits of the journal. The oldest rows are removed first."""
 
     keep_days: Annotated[int, Field(strict=True, ge=1, le=36500)] = 400
     """More than a year, so that what happened at the last inspection is still there."""
@@ -361,12 +361,12 @@ class Site(_Part):
     schema_: Literal[1] = Field(alias="schema")
     name: Text
     timezone: Annotated[Text, AfterValidator(_zone)] | None = None
-    """The building's, by its IANA name; that of this machine when not said."""
+    """The IANA name of the time zone of the building; by default that of this machine."""
     state: Text | None = None
-    """The folder in which is kept what outlives the manager, relative to the site file."""
+    """The folder of the store and the keys, relative to the site file."""
     journal: Journal = Journal()
     api: Api = Api()
     rmf: Rmf = Rmf()
     controllers: dict[Text, Controller] = Field(min_length=1)
     lifts: dict[str, Lift] = Field(min_length=1)
-    """By name. `check_site` looks at the names: a wrong one hides no other mistake."""
+    """By name. `check_site` checks the names, so that a wrong one does not hide other mistakes."""

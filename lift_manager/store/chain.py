@@ -1,4 +1,4 @@
-"""What ties the rows of a journal together: each row's hash covers the row and the hash of the row before it."""
+"""The hash chain of a journal: the hash of each row covers the row and the hash of the row before it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _encode = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=F
 
 
 class StoredRow(NamedTuple):
-    """A row as the table `rows` has it, in the order of its columns."""
+    """A row of the table `rows`, in the order of its columns."""
 
     seq: int
     """1, 2, 3 and so on."""
@@ -25,21 +25,21 @@ class StoredRow(NamedTuple):
     caller: str
     text: str
     data: str
-    """Canonical JSON; it goes into the hash as this text, so nothing needs to be read to verify it."""
+    """Canonical JSON; this text is hashed as it is, so verifying a row need not parse it."""
     hash: bytes
     """32 bytes."""
 
 
 def canonical(value: Json) -> str:
-    """Return JSON of which every value has one form only: sorted keys, no spaces, nothing escaped that need not be.
+    """Return canonical JSON: sorted keys, no spaces, no needless escapes.
 
-    What JSON cannot say is said in words: `nan` and `inf` as text. Half a surrogate pair becomes `?`, as in `clean`.
+    Numbers that JSON does not have, `nan` and `inf`, become text. Half a surrogate pair becomes `?`, as in `clean`.
     """
     return _encode(_plain(value))
 
 
 def clean(text: str) -> str:
-    """Return the text with `?` where it cannot be written as UTF-8."""
+    """Return the text with `?` for what UTF-8 cannot encode."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
@@ -49,12 +49,12 @@ def seed(site: str) -> bytes:
 
 
 def row_hash(before: bytes, row: StoredRow) -> bytes:
-    """Return the hash that this row must have after a row with the hash `before`; the row's own hash does not count."""
+    """Return the hash of a row that follows a row with the hash `before`; the `hash` of the row itself is ignored."""
     return hashlib.sha256(before + _encode(row[:7]).encode()).digest()
 
 
 def follows(before: object, row: StoredRow) -> bool:
-    """Whether a row, as it was found in a file, is the one that was written after a row with the hash `before`."""
+    """Whether a row that was found in a file is the one that was written after a row with the hash `before`."""
     as_written = all(type(cell) is kind for cell, kind in zip(row, _TYPES, strict=True))
     return isinstance(before, bytes) and as_written and row_hash(before, row) == row.hash
 

@@ -1,4 +1,4 @@
-"""Commits what a site has to remember: one commit at a time, each with everything that waits. Nothing else waits for the disk."""
+"""Commits records and journal rows: one commit at a time, each with everything that is queued. Nothing else waits for the disk."""
 
 from __future__ import annotations
 
@@ -19,43 +19,43 @@ from lift_manager.plain.text import counted
 from lift_manager.runtime.recorder import Clock, SavedLift, wall_clock
 from lift_manager.store.errors import CommitFailed
 from lift_manager.store.outage import (
-    CALM_COMMITS,
-    MOST_COMMITS,
+    COMMITS_TO_RECOVER,
+    MAX_COMMITS_TO_RECOVER,
     RELAPSE_S,
     DiskOutage,
-    consequence,
-    crowded,
-    late,
+    disk_silent,
     no_thread,
-    silent,
+    queue_full,
+    row_late,
+    trouble_text,
 )
 from lift_manager.store.store import PendingRow, Store
 
 _log = logging.getLogger(__name__)
 
 ANSWER_S = 2.0
-"""Within this `before` is answered, and after it a disk that has not answered is told as one that fails. Chosen: a busy card takes a
-second or two, and what a press was decided on counts no more after it (`max_age_s`, 1 s when not said)."""
+"""`before` replies within this time, and a disk that has not answered by then is reported as failing. Chosen: a busy memory card takes
+a second or two, and the reading behind a press is too old after it (`max_age_s`, 1 s by default)."""
 
 LINGER_S = 0.005
-"""How long rows and records that no press waits for wait for company. Chosen: the press that follows a request is ready 1 to 3 ms after it
+"""How long to hold back rows and records that no press waits for. Chosen: the press that follows a request is ready 1 to 3 ms after it
 on an idle computer, and then shares one flush with its session and the rows of the request (benchmarks/README.md)."""
 
 RETRY_S = (1.0, 30.0)
-"""First and longest pause after a commit that failed. Chosen: presses are back within half a minute after room was made."""
+"""First and longest pause after a commit that failed. Chosen: presses resume within half a minute after space is freed."""
 
 CHECK_S = 3600.0
-"""From one look at age and size to the next."""
+"""Between two checks of the age and size of the journal."""
 
 END_S = 0.5
-"""How long the end waits for the file to be closed, the time included that the commit under way has taken already. Chosen: it is part
-of the 5 s in which the process must be out, and a file that is not closed loses nothing."""
+"""How long shutdown waits for the file to close, counting the time that the commit under way has already taken. Chosen: it is part of
+the 5 s in which the process must exit, and a file that is not closed loses nothing."""
 
-KEPT_ROWS = 10_000
-"""Rows that wait in memory. Chosen: minutes of a busy site, and at most some 20 MB."""
+MAX_QUEUED_ROWS = 10_000
+"""Rows that may wait in memory. Chosen: several minutes of a busy site, and at most about 20 MB."""
 
-LOG_PAGES_WORTH_TELLING = 16_000
-"""64 MB: more than any burst; something keeps the log from being used again."""
+LOG_PAGES_WARNING = 16_000
+"""64 MB: more than any burst; something keeps SQLite from reusing the log."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -63,31 +63,31 @@ Result = TypeVar("Result")
 
 
 class Jobs(Protocol):
-    """Does one job after the other, as `drivers.thread.Worker` does in a thread."""
+    """Runs jobs one after another, as `drivers.thread.Worker` does in a thread."""
 
     def submit(self, work: Callable[[], Result]) -> Future[Result]:
-        """Do a job. Raises OSError if that cannot begin."""
+        """Queue a job. Raises OSError if it cannot be started."""
         ...
 
     def stop(self) -> None:
-        """End after the jobs that there are."""
+        """Stop after the queued jobs."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class _Waiting:
-    noted: PendingRow
+class _QueuedRow:
+    pending: PendingRow
     answer: Future[str | None] | None = None
 
-    def tell(self, why: str | None) -> None:
+    def resolve(self, trouble: str | None) -> None:
         if self.answer is not None and not self.answer.done():
-            self.answer.set_result(why)
+            self.answer.set_result(trouble)
 
 
 class Committer:
-    """Keeps every row and the newest record of every lift until they are on the disk, or says what was lost.
+    """Holds every row and the newest record of each lift until they are on the disk, and reports what was lost.
 
-    Implements Recorder. Memory leads the disk: what is kept is recalled at once, and never rolled back.
+    Implements Recorder. Memory leads the disk: a record is recalled as soon as it is kept, and never rolled back.
     """
 
     def __init__(
@@ -98,13 +98,13 @@ class Committer:
         *,
         jobs: Callable[[], Jobs] | None = lambda: Worker("lift-manager-store"),
         clock: Clock | None = None,
-        kept_rows: int = KEPT_ROWS,
+        max_queued_rows: int = MAX_QUEUED_ROWS,
         answer_s: float = ANSWER_S,
     ) -> None:
         """Commit to a store that holds these records; `where` names it in messages.
 
-        `jobs` makes what carries out the calls of the store; without it they take no time and are carried out at once. `kept_rows`
-        is how many rows may wait in memory, `answer_s` how long a commit may take.
+        `jobs` makes the worker that calls the store; without it, every call is made at once and takes no time. `max_queued_rows` is
+        how many rows may wait in memory, `answer_s` how long a commit may take.
         """
         self.where = where
         self.trouble = ""
@@ -112,80 +112,80 @@ class Committer:
         self._store = store
         self._jobs = jobs
         self._clock = clock or wall_clock(UTC)
-        self._kept_rows = kept_rows
+        self._max_queued_rows = max_queued_rows
         self._answer_s = answer_s
         self._records = dict(records)
         self._changed: dict[str, int] = {}
-        """The number of the newest change of each lift whose record is not on the disk."""
-        self._queue: list[_Waiting] = []
-        """Every row that is not known to be on the disk, the commit under way included."""
+        """The number of the newest change, for each lift whose record is not on the disk."""
+        self._queue: list[_QueuedRow] = []
+        """Every row that is not known to be on the disk, including those of the commit under way."""
         self._number = 0
         """Of the newest row or record."""
-        self._covered = 0
-        """Up to this number everything is on the disk."""
-        self._waiting: list[tuple[int, Future[None]]] = []
+        self._committed_upto = 0
+        """Everything up to this number is on the disk."""
+        self._waiters: list[tuple[int, Future[None]]] = []
         """Futures, and the number that each waits for."""
         self._lost: Counter[str] = Counter()
         self._lost_since = 0
-        self._news = asyncio.Event()
-        """Something is to be committed."""
+        self._has_work = asyncio.Event()
+        """There is something to commit."""
         self._urgent = asyncio.Event()
-        """A press waits for it, or the end of the manager."""
+        """A press waits for the commit, or the manager is stopping."""
         self._pause_s = RETRY_S[0]
-        self._report: Callable[[str], None] = _nobody
+        self._report: Callable[[str], None] = _ignore_report
         self._outage: DiskOutage | None = None
         self._last_outage: tuple[DiskOutage, float] | None = None
-        """The one before it, and when that ended."""
+        """The previous outage, and when it ended."""
         self._under_way_since: float | None = None
-        """Since when the disk has a job that it has not done."""
-        self._log_told = False
+        """When the job that the disk is doing began."""
+        self._log_warned = False
 
     @property
     def unwritten(self) -> Mapping[str, SavedLift]:
-        """What a restart would forget, by lift."""
+        """Records that a restart would lose, by lift."""
         return {lift: self._records[lift] for lift in self._changed}
 
     def recall(self, lift: str) -> SavedLift | None:
-        """Return the newest record of a lift; None for a lift that nothing was ever kept of."""
+        """Return the newest record of a lift; None for a lift without a record."""
         return self._records.get(lift)
 
     def keep(self, lift: str, record: SavedLift) -> None:
-        """Have this record of a lift from now on, and commit it soon."""
+        """Replace the record of a lift, and commit it soon."""
         self._records[lift] = record
         self._number += 1
         self._changed[lift] = self._number
-        self._begin_soon()
+        self._schedule_commit()
 
     def written(self, lift: str) -> Future[None] | None:
-        """Return what is done once the newest record of a lift is on the disk; None where it is already."""
-        return self._reached(self._changed[lift]) if lift in self._changed else None
+        """Return a future that completes once the newest record of a lift is on the disk; None if it already is."""
+        return self._future_at(self._changed[lift]) if lift in self._changed else None
 
     def note(self, row: Row) -> None:
-        """Write this down soon, or count it as lost where too many wait."""
-        if not self._accept(row, None):
+        """Commit a row soon, or count it as lost if the queue is full."""
+        if not self._enqueue(row, None):
             self._lost_since = self._lost_since or _micros(self._clock())
             self._lost[row.kind.value] += 1
 
     def before(self, row: Row) -> Future[str | None]:
-        """Write this down, and tell within ANSWER_S whether it is on the disk, with all that was kept and noted before it.
+        """Commit a row at once, with everything kept and noted before it; the result is None, or within ANSWER_S why it failed.
 
-        It is not kept where there is trouble already.
+        A row is not queued while the store is already in trouble.
         """
         loop = asyncio.get_running_loop()
         answer: Future[str | None] = loop.create_future()
         if self.trouble:
             answer.set_result(self.trouble)
-        elif not self._accept(row, answer):
-            answer.set_result(consequence(crowded(self.where, len(self._queue))))
+        elif not self._enqueue(row, answer):
+            answer.set_result(trouble_text(queue_full(self.where, len(self._queue))))
         elif not answer.done():
             self._urgent.set()
-            too_late = loop.call_later(self._answer_s, self._too_late, answer)
-            answer.add_done_callback(lambda _: too_late.cancel())
+            timer = loop.call_later(self._answer_s, self._time_out, answer)
+            answer.add_done_callback(lambda _: timer.cancel())
         return answer
 
     async def settled(self) -> None:
-        """Return once everything so far is on the disk, and told is what was lost."""
-        reached = self._reached(self._number + bool(self._lost))
+        """Return once everything so far is on the disk, including the row that reports lost rows."""
+        reached = self._future_at(self._number + bool(self._lost))
         if reached is not None:
             self._urgent.set()
             await reached
@@ -197,32 +197,32 @@ class Committer:
             await asyncio.Event().wait()
             return
         jobs = self._jobs()
-        _log.info("what the lifts must remember, and the journal, are kept in %s", self.where)
+        _log.info("records of the lifts and the journal are stored in %s", self.where)
         try:
             await self._work(jobs)
         finally:
             with suppress(OSError):  # without a thread there is nothing to close
-                await asyncio.wait([jobs.submit(self._store.close)], timeout=self._end_s())
+                await asyncio.wait([jobs.submit(self._store.close)], timeout=self._close_timeout_s())
             jobs.stop()
-            self._refuse("the manager ends")
+            self._refuse_presses("the manager is stopping")
             if self._queue or self._changed:
                 lost = f"{counted(len(self._queue), 'row')} and {counted(len(self._changed), 'record')}"
                 _log.error("%s did not reach the store %s", lost, self.where)
 
-    def _accept(self, row: Row, answer: Future[str | None] | None) -> bool:
-        if len(self._queue) >= self._kept_rows:
+    def _enqueue(self, row: Row, answer: Future[str | None] | None) -> bool:
+        if len(self._queue) >= self._max_queued_rows:
             return False
-        self._tell_lost()
-        self._put(row, answer)
-        self._begin_soon()
+        self._queue_gap_row()
+        self._append(row, answer)
+        self._schedule_commit()
         return True
 
-    def _put(self, row: Row, answer: Future[str | None] | None = None) -> None:
-        self._queue.append(_Waiting(PendingRow(_micros(self._clock()), row), answer))
+    def _append(self, row: Row, answer: Future[str | None] | None = None) -> None:
+        self._queue.append(_QueuedRow(PendingRow(_micros(self._clock()), row), answer))
         self._number += 1
 
-    def _tell_lost(self) -> None:
-        """Put what was lost in its place between the rows."""
+    def _queue_gap_row(self) -> None:
+        """Queue one row that reports how many rows were lost here."""
         if not self._lost:
             return
         count = self._lost.total()
@@ -235,99 +235,102 @@ class Committer:
         }
         self._lost.clear()
         self._lost_since = 0
-        self._put(Row(RowKind.GAP, text, data=data))
+        self._append(Row(RowKind.GAP, text, data=data))
 
-    def _begin_soon(self) -> None:
+    def _schedule_commit(self) -> None:
         if self._jobs is not None:
-            self._news.set()
+            self._has_work.set()
             return
-        batch = self._batch()
-        self._store.commit(batch.records, [waiting.noted for waiting in batch.rows])
-        self._reach(batch)
+        batch = self._take_batch()
+        self._store.commit(batch.records, [waiting.pending for waiting in batch.rows])
+        self._mark_committed(batch)
 
-    def _reached(self, number: int) -> Future[None] | None:
-        """Return what is done once everything up to this number is on the disk; None where it is already."""
-        if number <= self._covered:
+    def _future_at(self, number: int) -> Future[None] | None:
+        """Return a future that completes once everything up to this number is on the disk; None if it already is."""
+        if number <= self._committed_upto:
             return None
         future: Future[None] = asyncio.get_running_loop().create_future()
-        self._waiting.append((number, future))
+        self._waiters.append((number, future))
         return future
 
     async def _work(self, jobs: Jobs) -> None:
         loop = asyncio.get_running_loop()
         check_at = loop.time()
-        tending = await self._commit(jobs)  # a disk that takes nothing is known before the first press
+        needs_upkeep = await self._commit(jobs)  # find out before the first press whether the disk can be written
         while True:
-            if self._news.is_set() or self.trouble:
+            if self._has_work.is_set() or self.trouble:
                 await self._linger()
-                tending |= await self._commit(jobs)
+                needs_upkeep |= await self._commit(jobs)
             check = loop.time() >= check_at
             if self._outage is not None:
                 await self._pause(self._outage)
-            elif tending or check:
-                tending = await self._tend(jobs, check=check)
+            elif needs_upkeep or check:
+                needs_upkeep = await self._do_upkeep(jobs, check=check)
                 check_at = loop.time() + CHECK_S if check else check_at
             else:
                 with suppress(TimeoutError):
                     async with asyncio.timeout_at(check_at):
-                        await self._news.wait()
+                        await self._has_work.wait()
 
     async def _linger(self) -> None:
-        """Wait for company as long as no press waits."""
+        """Wait a moment for more to commit, unless a press waits."""
         if not self.trouble and not self._urgent.is_set():
             with suppress(TimeoutError):
                 async with asyncio.timeout(LINGER_S):
                     await self._urgent.wait()
 
     async def _pause(self, outage: DiskOutage) -> None:
-        """Wait before the next trial; a disk that is only slow is tried with all that comes."""
+        """Wait before the next attempt; if the disk is only slow, new work ends the wait."""
         with suppress(TimeoutError):
             async with asyncio.timeout(self._pause_s):
-                await (self._news.wait() if outage.taken else asyncio.Event().wait())
+                await (self._has_work.wait() if outage.is_only_slow else asyncio.Event().wait())
         self._pause_s = min(2 * self._pause_s, RETRY_S[1])
 
-    def _batch(self) -> _Batch:
-        """Take everything that waits: the newest record of every changed lift, and all rows."""
-        self._news.clear()
+    def _take_batch(self) -> _Batch:
+        """Take everything that is queued: the newest record of every changed lift, and all rows."""
+        self._has_work.clear()
         self._urgent.clear()
         return _Batch(self.unwritten, list(self._queue), self._number)
 
     async def _commit(self, jobs: Jobs) -> bool:
-        """Commit what waits; returns whether the store wants to be tended."""
-        batch = self._batch()
-        rows = [waiting.noted for waiting in batch.rows]
+        """Commit what is queued; returns whether the store needs upkeep."""
+        batch = self._take_batch()
+        rows = [waiting.pending for waiting in batch.rows]
         try:
-            job = self._do(jobs, partial(self._store.commit, batch.records, rows))
-            job.add_done_callback(partial(self._committed, batch, asyncio.get_running_loop().time()))
-            return await self._result(job)
+            job = self._start_job(jobs, partial(self._store.commit, batch.records, rows))
+            job.add_done_callback(partial(self._finish_commit, batch, asyncio.get_running_loop().time()))
+            return await self._await_job(job)
         except CommitFailed as error:
-            self._fail(error).failed()
+            self._fail(error).record_failure()
             return False
 
-    async def _tend(self, jobs: Jobs, *, check: bool) -> bool:
-        """Do one short step of upkeep; returns whether there is more to do."""
+    async def _do_upkeep(self, jobs: Jobs, *, check: bool) -> bool:
+        """Run one short step of upkeep; returns whether there is more to do."""
         try:
-            job = self._do(jobs, partial(self._store.tend, _micros(self._clock()), check=check))
-            tended = await self._result(job)
+            job = self._start_job(jobs, partial(self._store.do_upkeep, _micros(self._clock()), check=check))
+            step = await self._await_job(job)
         except CommitFailed as error:
-            # rows may still be written; if not, the next commit tells
-            _log.warning("%s: the oldest rows were not cut off: %s", self.where, error)
+            # rows may still be written; if not, the next commit reports it
+            _log.warning("%s: the oldest rows could not be removed: %s", self.where, error)
             return False
-        if tended.log_pages > LOG_PAGES_WORTH_TELLING and not self._log_told:
-            self._log_told = True
-            _log.warning("%s-wal grows because another program reads it all the time; end that one", self.where)
-        return tended.more
+        if step.log_pages > LOG_PAGES_WARNING and not self._log_warned:
+            self._log_warned = True
+            _log.warning(
+                "%s-wal keeps growing because another program reads the file all the time; stop that program",
+                self.where,
+            )
+        return step.more
 
-    def _do(self, jobs: Jobs, work: Callable[[], Result]) -> Future[Result]:
+    def _start_job(self, jobs: Jobs, work: Callable[[], Result]) -> Future[Result]:
         try:
             return jobs.submit(work)
         except OSError as error:
             raise no_thread(self.where, error) from error
 
-    async def _result(self, job: Future[Result]) -> Result:
-        """Wait for the disk; after ANSWER_S its silence is told. A job that is under way is not given up with the wait."""
+    async def _await_job(self, job: Future[Result]) -> Result:
+        """Wait for a job; report a silent disk after ANSWER_S. Cancelling the wait does not cancel the job."""
         loop = asyncio.get_running_loop()
-        silence = loop.call_later(self._answer_s, self._silent)
+        silence = loop.call_later(self._answer_s, self._report_silence)
         self._under_way_since = loop.time()
         try:
             await asyncio.wait([job])
@@ -337,81 +340,81 @@ class Committer:
                 self._under_way_since = None
         return job.result()
 
-    def _silent(self) -> None:
-        self._fail(silent(self.where, self._answer_s)).late()
+    def _report_silence(self) -> None:
+        self._fail(disk_silent(self.where, self._answer_s)).record_late()
 
-    def _end_s(self) -> float:
-        """Return how long to wait for the file to be closed: not anew for a disk that is silent already."""
+    def _close_timeout_s(self) -> float:
+        """Return how long to wait for the file to close, less the time for which the disk has been silent already."""
         if self._under_way_since is None:
             return END_S
         return max(0.0, END_S - (asyncio.get_running_loop().time() - self._under_way_since))
 
-    def _committed(self, batch: _Batch, begun: float, job: Future[bool]) -> None:
+    def _finish_commit(self, batch: _Batch, begun: float, job: Future[bool]) -> None:
         if job.cancelled() or job.exception() is not None:
             return
-        self._reach(batch)
+        self._mark_committed(batch)
         if self._lost:
-            self._tell_lost()
-            self._news.set()
+            self._queue_gap_row()
+            self._has_work.set()
         in_time = asyncio.get_running_loop().time() - begun < self._answer_s
         if in_time:
             self._pause_s = RETRY_S[0]
-        if self._outage is not None and self._outage.over(in_time=in_time):
+        if self._outage is not None and self._outage.record_commit(in_time=in_time):
             self._recover(self._outage)
 
-    def _reach(self, batch: _Batch) -> None:
-        """Take it that a batch is on the disk."""
-        self._covered = batch.upto
+    def _mark_committed(self, batch: _Batch) -> None:
+        """Mark a batch as being on the disk."""
+        self._committed_upto = batch.upto
         del self._queue[: len(batch.rows)]
         self._changed = {lift: number for lift, number in self._changed.items() if number > batch.upto}
         for waiting in batch.rows:
-            waiting.tell(None)
-        for number, future in self._waiting:
+            waiting.resolve(None)
+        for number, future in self._waiters:
             if number <= batch.upto and not future.done():
                 future.set_result(None)
-        self._waiting = [entry for entry in self._waiting if not entry[1].done()]
+        self._waiters = [entry for entry in self._waiters if not entry[1].done()]
 
     def _fail(self, failed: CommitFailed) -> DiskOutage:
-        """Take it that nothing can be written; told is only the first reason of an outage, logged each."""
-        why = consequence(failed)
+        """Start or continue an outage; the first reason is reported, every new reason is logged."""
+        why = trouble_text(failed)
         self.trouble = why
         outage = self._outage
         if outage is None:
-            outage = self._outage = DiskOutage(_micros(self._clock()), why, self._calm_commits())
+            outage = self._outage = DiskOutage(_micros(self._clock()), why, self._commits_to_recover())
             _log.error("%s", why)
             self._report(why)
         elif outage.is_news(why):
             _log.error("%s", why)
-        self._refuse(why)
+        self._refuse_presses(why)
         return outage
 
-    def _calm_commits(self) -> int:
+    def _commits_to_recover(self) -> int:
         if self._last_outage is None:
-            return CALM_COMMITS
+            return COMMITS_TO_RECOVER
         outage, ended_at = self._last_outage
         soon = asyncio.get_running_loop().time() - ended_at < RELAPSE_S
-        return min(2 * outage.calm_commits, MOST_COMMITS) if soon else CALM_COMMITS
+        return min(2 * outage.commits_to_recover, MAX_COMMITS_TO_RECOVER) if soon else COMMITS_TO_RECOVER
 
     def _recover(self, outage: DiskOutage) -> None:
         self._outage, self.trouble = None, ""
         self._last_outage = outage, asyncio.get_running_loop().time()
-        _log.warning("the store %s is written again", self.where)
-        self.note(outage.row(_micros(self._clock())))
+        _log.warning("the store %s can be written again", self.where)
+        self.note(outage.journal_row(_micros(self._clock())))
         self._report("")
 
-    def _refuse(self, why: str) -> None:
+    def _refuse_presses(self, why: str) -> None:
         for waiting in self._queue:
-            waiting.tell(why)
+            waiting.resolve(why)
 
-    def _too_late(self, answer: Future[str | None]) -> None:
+    def _time_out(self, answer: Future[str | None]) -> None:
         if not answer.done():
-            answer.set_result(consequence(late(self.where, self._answer_s)))
+            answer.set_result(trouble_text(row_late(self.where, self._answer_s)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
     records: Mapping[str, SavedLift]
-    rows: list[_Waiting]
+    rows: list[_QueuedRow]
     upto: int
     """The number of the newest of them."""
 
@@ -420,5 +423,5 @@ def _micros(at: datetime) -> int:
     return (at - _EPOCH) // timedelta(microseconds=1)
 
 
-def _nobody(why: str) -> None:
-    """Hear nothing: `run` has not begun."""
+def _ignore_report(why: str) -> None:
+    """Ignore the report: `run` has not begun."""

@@ -1,4 +1,4 @@
-"""The database of a site: made, opened and migrated, or refused in words."""
+"""Creates, opens and migrates the database of a site; a file that cannot be used is refused with a message."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ APPLICATION_ID = 0x4C494654
 """LIFT, in the header of the file."""
 
 BUSY_S = 1.0
-"""How long a commit waits for another program that writes. Chosen: below the bound within which a press is answered; there should be
-no such program."""
+"""How long a commit waits for another program that writes. Chosen: below the time limit of a press; there should be no such
+program."""
 
 WAL_KEPT_BYTES = 4_000_000
-"""To this the log beside the file is cut after a burst. Chosen: about what SQLite's own default lets gather."""
+"""Size to which the write-ahead log is truncated after a burst. Chosen: about what SQLite lets it grow to by default."""
 
 Connect = Callable[[str], sqlite3.Connection]
 """Opens a database by its URI, in autocommit."""
 
 Migration = Callable[[sqlite3.Connection], object]
-"""Takes a database from one version to the next, inside a transaction. What is in `rows` stays as it is: it is chained."""
+"""Migrates a database from one version to the next, inside a transaction. It must not change `rows`, which are chained."""
 
 
 class Head(NamedTuple):
-    """What the newest commit left."""
+    """The head of the store, as the newest commit left it."""
 
     seq: int
-    """The newest row; 0 where there is none."""
+    """The newest row; 0 if there is none."""
     hash: bytes
-    """Of that row; the next one is chained to it."""
+    """The hash of that row, to which the next one is chained."""
     records: int
     """How many lifts have a record."""
 
@@ -65,26 +65,26 @@ def _first_version(connection: sqlite3.Connection) -> None:
 
 
 MIGRATIONS: tuple[Migration, ...] = (_first_version,)
-"""Migration n makes version n + 1 of version n; version 0 is an empty file."""
+"""Migration n turns version n into version n + 1; version 0 is an empty file."""
 
 VERSION = len(MIGRATIONS)
-"""Of a database, as this program writes and reads it."""
+"""The version of the schema that this program writes and reads."""
 
-NOT_FOLLOWED = "it is a symbolic link, and these are not followed; put the file itself there"
+NOT_FOLLOWED = "it is a symbolic link, and links are not followed; put the file itself there"
 
 COLUMNS = ", ".join(StoredRow._fields)
 
 
 def create_database(path: Path, site: str, connect: Connect = connect) -> None:
-    """Make the database of a site: whole or not at all. Raises StoreDamaged, OSError and sqlite3.OperationalError."""
+    """Create the database of a site, whole or not at all. Raises StoreDamaged, OSError and sqlite3.OperationalError."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     log = _log_of(path)
     if log.exists():
-        raise StoreDamaged(path, f"is not there, and {log.name} is", f"put both back, or move {log.name} away, too")
-    beside = path.with_name(f"{path.name}.new")
-    os.close(make_own(beside))
-    with closing(connect(f"{beside.absolute().as_uri()}?mode=rw")) as connection:
-        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # has to be there before the first table
+        raise StoreDamaged(path, f"is not there, and {log.name} is", f"put both back, or move {log.name} away as well")
+    temporary = path.with_name(f"{path.name}.new")
+    os.close(make_own(temporary))
+    with closing(connect(f"{temporary.absolute().as_uri()}?mode=rw")) as connection:
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # has no effect after the first table
         connection.execute("PRAGMA synchronous = FULL")
         with transaction(connection):
             for migrate in MIGRATIONS:
@@ -94,7 +94,7 @@ def create_database(path: Path, site: str, connect: Connect = connect) -> None:
             connection.execute("INSERT INTO head VALUES (1, 0, ?, 0)", (seed(site),))
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {VERSION}")
-    put_in_place(beside, path)
+    put_in_place(temporary, path)
 
 
 def open_database(
@@ -102,14 +102,14 @@ def open_database(
 ) -> sqlite3.Connection:
     """Open the database of a site for writing, and migrate it.
 
-    Raises StoreForeign, StoreDamaged, and OSError and sqlite3.OperationalError for what the disk refuses.
+    Raises StoreForeign, StoreDamaged, and OSError and sqlite3.OperationalError for errors of the disk.
     """
     if path.is_symlink():
         raise OSError(errno.ELOOP, NOT_FOLLOWED, str(path))
     connection = connect(f"{path.absolute().as_uri()}?mode=rw")
-    connection.text_factory = text_of
+    connection.text_factory = decode_text
     try:
-        with telling_damage(path):
+        with raising_damage(path):
             _prepare(connection, path, site, migrations)
     except BaseException:
         connection.close()
@@ -118,8 +118,8 @@ def open_database(
 
 
 def read_head(connection: sqlite3.Connection, path: Path) -> Head:
-    """Return what the newest commit left. Raises StoreDamaged if the newest row is another one, or does not follow from the one before."""
-    with telling_damage(path):
+    """Return the head. Raises StoreDamaged if the newest row is a different one, or does not follow from the one before."""
+    with raising_damage(path):
         found = connection.execute("SELECT seq, hash, records FROM head").fetchone()
         rows = connection.execute(f"SELECT {COLUMNS} FROM rows ORDER BY seq DESC LIMIT 2").fetchall()  # noqa: S608  constants
     if found is None or [type(value) for value in found] != [int, bytes, int]:
@@ -131,21 +131,25 @@ def read_head(connection: sqlite3.Connection, path: Path) -> Head:
             raise StoreDamaged(path, f"was changed: row {head.seq} was the newest, and there are no rows")
         return head
     if (newest.seq, newest.hash) != (head.seq, head.hash):
-        raise StoreDamaged(path, f"was changed: row {head.seq} was the newest, and row {newest.seq} is; {_SEE_VERIFY}")
-    # of a row that is alone because the others went nothing can be said
+        raise StoreDamaged(
+            path, f"was changed: row {head.seq} was the newest, and row {newest.seq} is; {_VERIFY_ADVICE}"
+        )
+    # a row that is alone, because the others were removed, cannot be checked
     before = rows[1][-1] if len(rows) > 1 else None
     if before is not None and not follows(before, newest):
-        raise StoreDamaged(path, f"was changed: row {newest.seq} does not follow from the row before it; {_SEE_VERIFY}")
+        raise StoreDamaged(
+            path, f"was changed: row {newest.seq} does not follow from the row before it; {_VERIFY_ADVICE}"
+        )
     return head
 
 
-_SEE_VERIFY = "see what `lift-manager audit --verify` says of it"
+_VERIFY_ADVICE = "run `lift-manager audit --verify` for details"
 
 
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    """Commit everything that is done within, or nothing."""
-    connection.execute("BEGIN IMMEDIATE")  # a file that cannot be written is known here
+    """Commit everything that the body of the `with` does, or nothing."""
+    connection.execute("BEGIN IMMEDIATE")  # raises here if the file cannot be written
     try:
         yield
         connection.execute("COMMIT")
@@ -162,30 +166,30 @@ def check_version(connection: sqlite3.Connection, path: Path, newest: int = VERS
     if path.stat().st_size == 0:
         raise StoreDamaged(path, "is empty")
     if kind != APPLICATION_ID:
-        raise StoreForeign(path, "is no store of a lift manager", "give this site another folder with `state:`")
+        raise StoreForeign(path, "is not a store of a lift manager", "give this site another folder with `state:`")
     if version > newest:
         what = f"is version {version} of a store, and this program reads versions up to {newest}"
         raise StoreForeign(path, what, "start the newer program that wrote it")
     if version < 1:
-        raise StoreDamaged(path, "is damaged (it does not say which version it is)")
+        raise StoreDamaged(path, "is damaged (it has no version)")
     return int(version)
 
 
 def check_site(connection: sqlite3.Connection, path: Path, site: str) -> None:
-    """Raise StoreForeign for the database of another site, and StoreDamaged for one that does not say of which it is."""
+    """Raise StoreForeign for the database of another site, and StoreDamaged for one without the name of a site."""
     named = connection.execute("SELECT value FROM about WHERE key = 'site'").fetchone()
     if named is None or not isinstance(named[0], str):
-        raise StoreDamaged(path, "is damaged (it does not say of which site it is)")
+        raise StoreDamaged(path, "is damaged (it does not name its site)")
     if named[0] != site:
         advice = (
-            f"if {site!r} is another building, name another folder with `state:` in its site file; if that is the former name of this"
-            " one, give it that name again until people have ended what keeps robots off its lifts, and rename it then"
+            f"if {site!r} is another building, name another folder with `state:` in its site file; if {named[0]!r} is the former name of"
+            " this one, use that name again until people have ended what keeps robots off its lifts, and rename it then"
         )
         raise StoreForeign(path, f"belongs to the site {named[0]!r}", advice)
 
 
-def text_of(raw: bytes) -> str:
-    """Read what is no UTF-8, which no manager writes, as U+FFFD: the row then has another hash."""
+def decode_text(raw: bytes) -> str:
+    """Decode invalid UTF-8, which no manager writes, as U+FFFD: the hash of the row then no longer matches."""
     return raw.decode("utf-8", "replace")
 
 
@@ -194,7 +198,7 @@ def _prepare(connection: sqlite3.Connection, path: Path, site: str, migrations: 
     check_site(connection, path, site)
     connection.execute("PRAGMA journal_mode = WAL").fetchone()
     connection.execute("PRAGMA synchronous = FULL")
-    # what the log holds is carried over between commits, so that no press waits for it: see SqliteStore.tend
+    # upkeep copies the log into the file between commits, so that no press waits for it: see SqliteStore.do_upkeep
     connection.execute("PRAGMA wal_autocheckpoint = 0").fetchone()
     connection.execute(f"PRAGMA journal_size_limit = {WAL_KEPT_BYTES}").fetchone()
     with transaction(connection):
@@ -202,7 +206,7 @@ def _prepare(connection: sqlite3.Connection, path: Path, site: str, migrations: 
 
 
 def migrate(connection: sqlite3.Connection, version: int, migrations: tuple[Migration, ...] = MIGRATIONS) -> None:
-    """Take a database from a version to the newest, inside a transaction."""
+    """Migrate a database from a version to the newest, inside a transaction."""
     for step in migrations[version:]:
         step(connection)
     if version < len(migrations):
@@ -214,12 +218,12 @@ def _log_of(path: Path) -> Path:
 
 
 @contextmanager
-def telling_damage(path: Path) -> Iterator[None]:
-    """Raise StoreDamaged for what SQLite says of a file that is no database, or not a whole one."""
+def raising_damage(path: Path) -> Iterator[None]:
+    """Raise StoreDamaged where SQLite finds that a file is not a database, or is damaged."""
     try:
         yield
     except sqlite3.DatabaseError as error:
         code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_OK) & 0xFF
         if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR):
-            raise StoreDamaged(path, f"is no store of a lift manager, or is damaged ({error})") from error
+            raise StoreDamaged(path, f"is not a store of a lift manager, or is damaged ({error})") from error
         raise

@@ -1,4 +1,4 @@
-"""The keys of a site in one small file: made and revoked from the command line, and watched by the manager that runs."""
+"""The file with the keys of a site: changed from the command line, watched by the running manager."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from lift_manager.api.access import Role
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.errors import KeysUnusable
-from lift_manager.store.place import SHARED, replace_file, unshared
+from lift_manager.store.place import SHARED_FOLDER, replace_file, unshare_advice
 
 _log = logging.getLogger(__name__)
 
 VERSION: Literal[1] = 1
 LOOK_EVERY_S = 0.5
-"""A revoked key is refused within a second: half of it to look, half to read."""
+"""How often the file is checked. A revoked key is refused within a second: half to notice the change, half to read it."""
 
 Id = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{8}$")]
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$"), Field(repr=False)]
@@ -37,12 +37,12 @@ Note = Callable[[Row], None]
 
 def _in_any_zone(at: datetime) -> datetime:
     if not MINYEAR < at.year < MAXYEAR:
-        raise ValueError(f"the year {at.year} cannot be")
+        raise ValueError(f"the year {at.year} is out of range")
     return at
 
 
 Moment = Annotated[AwareDatetime, AfterValidator(_in_any_zone)]
-"""A time that can be shown in every zone."""
+"""A time that every zone can represent."""
 
 
 class _Part(BaseModel):
@@ -50,14 +50,14 @@ class _Part(BaseModel):
 
 
 class KeyEntry(_Part):
-    """One key, live or revoked. When it was last used is not kept: every request would be a write."""
+    """One key, live or revoked. Its last use is not recorded, because every request would then write to the disk."""
 
     id: Id
     name: str
     role: Role
     lifts: tuple[str, ...] = ()
     sha256: Digest
-    """Of its secret."""
+    """Of the secret."""
     made_at: Moment
     made_by: str
     revoked_at: Moment | None = None
@@ -79,7 +79,7 @@ class KeysForm(_Part):
 
 
 class _Head(BaseModel):
-    """What every version of the file begins with."""
+    """The fields that every version of the file has."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
 
@@ -89,24 +89,24 @@ class _Head(BaseModel):
 
 
 def keys_path(state: Path) -> Path:
-    """Return the file of a site's keys, beside the file of its state."""
+    """Return the path of the key file, next to the store of the site."""
     return state.with_name(f"{state.stem}.keys.json")
 
 
 def read_kept_keys(path: Path, site: str) -> KeysForm:
-    """Return the keys of a site that a manager may serve with: as `read_keys`, but keys that got lost are refused, too."""
+    """Return the keys for a manager to serve with: like `read_keys`, but raises KeysUnusable if the file was lost."""
     keys, lock = read_keys(path, site), _lock_of(path)
     if not path.exists() and lock.exists():
-        what = f"is gone, though there were keys: {lock.name} is beside it"
-        advice = f"put back a copy of it, or make keys with `lift-manager keys make`; if this site is to have none, remove {lock}"
+        what = f"is gone, although there were keys: {lock.name} still exists"
+        advice = f"restore a copy of it, or make keys with `lift-manager keys make`; if this site is to have none, remove {lock}"
         raise _unusable(path, what, advice)
     return keys
 
 
 def read_keys(path: Path, site: str) -> KeysForm:
-    """Return the keys of a site; a file that is not there holds none. Raises KeysUnusable."""
+    """Return the keys of a site; without a file there are none. Raises KeysUnusable."""
     if is_shared(path.parent):
-        raise _unusable(path, SHARED, unshared(path.parent))
+        raise _unusable(path, SHARED_FOLDER, unshare_advice(path.parent))
     try:
         data, status = read_own(path)
     except FileNotFoundError:
@@ -126,7 +126,7 @@ def read_keys(path: Path, site: str) -> KeysForm:
         head = _Head.model_validate_json(data)
         if head.version != VERSION:
             advice = f"start the version that wrote it; this one reads version {VERSION}"
-            raise _unusable(path, f"is version {head.version} of that file", advice)
+            raise _unusable(path, f"has version {head.version}", advice)
         if head.site != site:
             raise _unusable(
                 path, f"belongs to the site {head.site!r}", "move it away, or give this site another folder"
@@ -135,28 +135,28 @@ def read_keys(path: Path, site: str) -> KeysForm:
     except ValidationError as error:
         found = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in found["loc"])
-        advice = "put back a copy of it, or move it away and make new keys"
+        advice = "restore a copy of it, or move it away and make new keys"
         # not `from error`: its text quotes what it read
         raise _unusable(
-            path, f"holds no keys of a lift manager, or is damaged ({where}: {found['msg']})", advice
+            path, f"is not a key file of a lift manager, or is damaged ({where}: {found['msg']})", advice
         ) from None
 
 
 def may_own(owner: int, *, me: int, folder: int) -> bool:
-    """Whether the keys may belong to this user: root, or the one that this runs as; for root also that of the `folder`.
+    """Whether this user may own the key file: root or the current user; if that is root, also the owner of the `folder`.
 
-    Root writes the file for the user of its folder.
+    Root creates the file for the owner of its folder.
     """
     return owner in (0, me or folder)
 
 
 def _unusable(path: Path, what: str, advice: str) -> KeysUnusable:
-    return KeysUnusable(f"{path} {what}; it says who may command the lifts, so nothing goes on without it: {advice}")
+    return KeysUnusable(f"{path} {what}; it decides who may command the lifts, so nothing works without it: {advice}")
 
 
 def make_key(path: Path, site: str, key: Key, *, by: str, at: datetime) -> Secret:
-    """Add a live key and return it; nothing can show it again. The id of `key` is not used. Raises KeysUnusable."""
-    with _alone(path):
+    """Add a live key and return its token, which cannot be shown again. The id of `key` is not used. Raises KeysUnusable."""
+    with _locked(path):
         form = read_keys(path, site)
         if any(entry.name == key.name for entry in form.live):
             raise KeysUnusable(f"there is a live key named {key.name!r}; revoke it first, or choose another name")
@@ -177,23 +177,23 @@ def make_key(path: Path, site: str, key: Key, *, by: str, at: datetime) -> Secre
 
 
 def revoke_key(path: Path, site: str, name: str, *, by: str, at: datetime) -> KeysForm:
-    """Take back the live key of this name; returns what is left. Raises KeysUnusable."""
-    _named(read_keys(path, site), name)  # before there is a lock: it would say that there were keys
-    with _alone(path):
+    """Revoke the live key of this name; returns the remaining keys. Raises KeysUnusable."""
+    _require_live_key(read_keys(path, site), name)  # before the lock exists: it would indicate that there were keys
+    with _locked(path):
         form = read_keys(path, site)
-        _named(form, name)
-        gone = {"revoked_at": at, "revoked_by": by}
+        _require_live_key(form, name)
+        revocation = {"revoked_at": at, "revoked_by": by}
         keys = tuple(
-            entry.model_copy(update=gone) if entry.name == name and entry.revoked_at is None else entry
+            entry.model_copy(update=revocation) if entry.name == name and entry.revoked_at is None else entry
             for entry in form.keys
         )
-        left = form.model_copy(update={"keys": keys})
-        _write(path, left)
-    return left
+        remaining = form.model_copy(update={"keys": keys})
+        _write(path, remaining)
+    return remaining
 
 
-def _named(form: KeysForm, name: str) -> None:
-    """Raise KeysUnusable where there is no live key of this name."""
+def _require_live_key(form: KeysForm, name: str) -> None:
+    """Raise KeysUnusable if there is no live key of this name."""
     live = [entry.name for entry in form.live]
     if name not in live:
         there = f"the live keys are {', '.join(live)}" if live else "there is no live key"
@@ -205,8 +205,8 @@ def _lock_of(path: Path) -> Path:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Let one `lift-manager keys` at a time change the file."""
+def _locked(path: Path) -> Iterator[None]:
+    """Hold the lock under which one `lift-manager keys` at a time changes the file."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         lock = open_own(_lock_of(path))
@@ -225,7 +225,7 @@ def _write(path: Path, form: KeysForm) -> None:
     try:
         replace_file(path, form.model_dump_json(indent=2).encode() + b"\n")
         if os.geteuid() == 0:
-            # made by root for a service that runs as somebody else: the folder is that user's
+            # root creates it for a service that runs as the owner of the folder
             owner = path.parent.stat()
             os.chown(path, owner.st_uid, owner.st_gid)
     except OSError as error:
@@ -239,88 +239,88 @@ def _unwritable(path: Path, error: OSError) -> KeysUnusable:
 
 
 class KeyFile:
-    """The Keys of a running manager: what the file says, at most a second ago."""
+    """The keys of a running manager, at most a second behind the file. Implements Keys."""
 
-    def __init__(self, path: Path, site: str, *, open_without: bool) -> None:
-        """Read the file. `open_without`: everybody is let in while there is no live key. Raises KeysUnusable."""
+    def __init__(self, path: Path, site: str, *, open_without_keys: bool) -> None:
+        """Read the file. `open_without_keys`: no key is required while there is no live key. Raises KeysUnusable."""
         self.path = path
         self._site = site
-        self._open_without = open_without
-        self._seen: object = None
+        self._open_without = open_without_keys
+        self._last_signature: object = None
         self._live: dict[str, KeyEntry] = {}
         self._trouble = ""
-        self._seen = _signature(path)
-        self._take(read_kept_keys(path, site))
+        self._last_signature = _file_signature(path)
+        self._use(read_kept_keys(path, site))
 
     @property
-    def needed(self) -> bool:
+    def are_required(self) -> bool:
         """Whether a request needs a key."""
-        return self._ring.needed
+        return self._ring.are_required
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the live keys."""
         return tuple(entry.name for entry in self._live.values())
 
-    def find(self, asked: Secret) -> Key | None:
-        """Return the live key that this is; None where there is none, whatever is wrong with it."""
-        return self._ring.find(asked)
+    def find(self, secret: Secret) -> Key | None:
+        """Return the live key with this token; None for any other token."""
+        return self._ring.find(secret)
 
-    def named(self, name: str) -> Key | None:
+    def find_by_name(self, name: str) -> Key | None:
         """Return the live key of this name."""
-        return self._ring.named(name)
+        return self._ring.find_by_name(name)
 
     def admits(self, key: Key | None) -> bool:
-        """Whether a caller that was let in with this key, or without one, would be let in still."""
+        """Whether a caller that was admitted with this key, or without one, would still be admitted."""
         return self._ring.admits(key)
 
     async def run(self, note: Note) -> None:
-        """Look for changes until cancelled, and note each.
+        """Watch the file until cancelled, and write a row for each change.
 
-        A file that cannot be read any more, or is gone, changes nothing: neither may that let everybody in, nor keep out robots
-        that are under way. It is told once, and read again when it can be.
+        If the file cannot be read, or is gone, the keys stay as they are: that must neither admit everybody nor shut out robots
+        that are under way. It is logged once, and the file is read again as soon as possible.
         """
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
             found: list[KeysForm] = []
-            seen: list[object] = []
+            signatures: list[object] = []
             try:
-                await in_thread(partial(self._look, found, seen))
+                await in_thread(partial(self._read_if_changed, found, signatures))
             except (OSError, KeysUnusable) as error:
-                self._tell(str(error))
+                self._log_trouble(str(error))
                 continue
             if found:
-                self._tell("")
-                self._seen = seen[0]
+                self._log_trouble("")
+                self._last_signature = signatures[0]
                 before = self._live
-                self._take(found[0])
+                self._use(found[0])
                 for row in _changes(before, self._live, found[0]):
                     _log.info("%s", row.text)
                     note(row)
 
-    def _look(self, found: list[KeysForm], seen: list[object]) -> None:
-        """Read the file if it changed; in a thread, because a disk may hang."""
-        signature = _signature(self.path)
-        if signature == self._seen:
+    def _read_if_changed(self, found: list[KeysForm], signatures: list[object]) -> None:
+        """Read the file if it has changed; runs in a thread, because a disk may hang."""
+        signature = _file_signature(self.path)
+        if signature == self._last_signature:
             return
         if signature is None:
-            raise KeysUnusable(f"{self.path} is gone; the keys that it had count until the next start")
-        seen.append(signature)
+            raise KeysUnusable(f"{self.path} is gone; its keys stay valid until the next start")
+        signatures.append(signature)
         found.append(read_keys(self.path, self._site))
 
-    def _take(self, form: KeysForm) -> None:
+    def _use(self, form: KeysForm) -> None:
         self._live = {entry.id: entry for entry in form.live}
         keys = ((_key(entry), entry.sha256) for entry in form.live)
-        self._ring = KeyRing(keys, open_without=self._open_without)
+        self._ring = KeyRing(keys, open_without_keys=self._open_without)
 
-    def _tell(self, trouble: str) -> None:
+    def _log_trouble(self, trouble: str) -> None:
         if trouble and trouble != self._trouble:
             _log.error("keys: %s", trouble)
         self._trouble = trouble
 
 
-def _signature(path: Path) -> object:
-    """Return what tells one content of the file from the next; None where it is not there."""
+def _file_signature(path: Path) -> object:
+    """Return a value that changes with the file; None if there is no file."""
     try:
         now = path.stat()
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""A disk that takes no commit: why, in words with what to do, when it is trusted again, and the row that the journal has of it."""
+"""An outage of the disk: its reasons as messages with a remedy, when the disk is trusted again, and its row in the journal."""
 
 from __future__ import annotations
 
@@ -9,68 +9,68 @@ from pathlib import Path
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.errors import CommitFailed
 
-CALM_COMMITS = 3
-"""So many commits in a row have to end in time before a disk that was silent is trusted again. Chosen: a disk that is slow every
-other time must not give presses back for a second each."""
+COMMITS_TO_RECOVER = 3
+"""Commits in a row that must finish in time before a disk that was silent is trusted again. Chosen: a disk that is slow every other
+time must not allow presses for a second each."""
 
 RELAPSE_S = 600.0
-"""An outage that begins so soon after another needs twice as many of them to end, up to MOST_COMMITS. Chosen: presses that come and go
-all day help no robot, and a disk on the brink is not told of more than a few times an hour."""
-MOST_COMMITS = 96
+"""An outage that begins this soon after another needs twice as many commits to end, up to MAX_COMMITS_TO_RECOVER. Chosen: presses
+that come and go all day help no robot, and a failing disk is reported only a few times an hour."""
+MAX_COMMITS_TO_RECOVER = 96
 
-REASONS = 10
-"""Kept of one outage. Chosen: more than a disk has ways to fail."""
+MAX_REASONS = 10
+"""Reasons kept per outage. Chosen: more than a disk has ways to fail."""
 
 
 class DiskOutage:
-    """From the first commit that fails or is late to the one after which rows are written again."""
+    """The time from the first commit that fails or is late to the commit after which the disk is trusted again."""
 
-    def __init__(self, since_us: int, why: str, calm_commits: int = CALM_COMMITS) -> None:
-        """Begin one, for a reason that ends with what to do; `calm_commits` end it if the disk was silent."""
-        self.calm_commits = calm_commits
-        self.taken = False
-        """Whether the disk took the last commit: it is slow, no more."""
+    def __init__(self, since_us: int, why: str, commits_to_recover: int = COMMITS_TO_RECOVER) -> None:
+        """Begin an outage for a reason; `commits_to_recover` commits in time end it if the disk was silent."""
+        self.commits_to_recover = commits_to_recover
+        self.is_only_slow = False
+        """Whether the last commit reached the disk, only too late."""
         self._since_us = since_us
         self._reasons = [why]
-        self._wanted = 1
-        self._calm = 0
+        self._required = 1
+        self._in_time = 0
 
     def is_news(self, why: str) -> bool:
-        """Whether nobody was told of this reason yet."""
-        if why in self._reasons or len(self._reasons) >= REASONS:
+        """Whether this reason is new; it counts as known from now on."""
+        if why in self._reasons or len(self._reasons) >= MAX_REASONS:
             return False
         self._reasons.append(why)
         return True
 
-    def late(self) -> None:
-        """Take it that the disk is silent: one commit in time is not enough then."""
-        self._wanted, self._calm = self.calm_commits, 0
+    def record_late(self) -> None:
+        """Record that the disk is silent: a single commit in time no longer ends the outage."""
+        self._required, self._in_time = self.commits_to_recover, 0
 
-    def failed(self) -> None:
-        """Take it that a commit has failed."""
-        self.taken, self._calm = False, 0
+    def record_failure(self) -> None:
+        """Record that a commit has failed."""
+        self.is_only_slow, self._in_time = False, 0
 
-    def over(self, *, in_time: bool) -> bool:
-        """Take it that a commit has reached the disk, and say whether that is the end."""
-        self.taken = True
-        self._calm = self._calm + 1 if in_time else 0
-        return self._calm >= self._wanted
+    def record_commit(self, *, in_time: bool) -> bool:
+        """Record that a commit has reached the disk; returns whether the outage is over."""
+        self.is_only_slow = True
+        self._in_time = self._in_time + 1 if in_time else 0
+        return self._in_time >= self._required
 
-    def row(self, now_us: int) -> Row:
-        """Return the one row that the journal has of it."""
+    def journal_row(self, now_us: int) -> Row:
+        """Return the row that reports this outage in the journal."""
         why = self._reasons[0].split("; ", maxsplit=1)[0]
         text = f"no row could be written for {max(now_us - self._since_us, 0) / 1e6:.0f} s: {why}"
         return Row(RowKind.ALARM, text, data={"from": self._since_us, "to": now_us, "why": self._reasons})
 
 
-_FULL = ("has no room: the disk is full", "make room on it")
+_FULL = ("has no space: the disk is full", "free some space")
 _READ_ONLY = ("cannot be written: this user may only read it, or the disk is read-only", "let this user write to it")
 _BROKEN = (
     "cannot be written: the disk reports an error",
-    "see whether the disk is worn out or loose, and copy what is on it",
+    "check whether the disk is worn out or loose, and copy its contents",
 )
-_NOT_THERE = ("cannot be opened", "see to it that its folder is there and that this user may write in it")
-_BUSY = ("is locked by another program", "end the program that has it open")
+_NOT_THERE = ("cannot be opened", "check that its folder exists and that this user may write to it")
+_BUSY = ("is locked by another program", "stop the program that has it open")
 
 _BY_SQLITE = {
     sqlite3.SQLITE_FULL: _FULL,
@@ -88,18 +88,18 @@ _BY_ERRNO = {
     errno.EACCES: _READ_ONLY,
     errno.EPERM: _READ_ONLY,
     errno.EIO: _BROKEN,
-    errno.EAGAIN: ("is not written: this computer has no thread to spare", "see what keeps it so busy"),
+    errno.EAGAIN: ("is not written: this computer has no thread to spare", "check what keeps it so busy"),
 }
 
 
 def no_thread(where: str, error: OSError) -> CommitFailed:
-    """Say that this computer has no thread that could write."""
+    """Return the error for a computer that cannot start a thread."""
     what, cure = _BY_ERRNO[errno.EAGAIN]
     return CommitFailed(f"the store {where} {what} ({error.strerror or error})", cure)
 
 
 def commit_failed(path: Path, error: sqlite3.DatabaseError | OSError) -> CommitFailed:
-    """Say why nothing can be written to a file, and what to do."""
+    """Return the error for a file that cannot be written, with the remedy."""
     if isinstance(error, OSError):
         what, cure = _BY_ERRNO.get(error.errno or 0, _NOT_THERE)
         why = error.strerror or str(error)
@@ -109,27 +109,27 @@ def commit_failed(path: Path, error: sqlite3.DatabaseError | OSError) -> CommitF
     return CommitFailed(f"the store {path} {what} ({why})", cure)
 
 
-def silent(where: str, after_s: float) -> CommitFailed:
-    """Say that a disk has not answered."""
+def disk_silent(where: str, after_s: float) -> CommitFailed:
+    """Return the error for a disk that has not answered."""
     what = f"the store {where} cannot be written: the disk has not answered for {after_s:g} s"
-    return CommitFailed(what, "see whether it is loose, worn out or on a network that is down")
+    return CommitFailed(what, "check whether it is loose, worn out or on a network that is down")
 
 
-def late(where: str, after_s: float) -> CommitFailed:
-    """Say that one row was not written in time."""
+def row_late(where: str, after_s: float) -> CommitFailed:
+    """Return the error for a row that was not written in time."""
     return CommitFailed(
-        f"a row did not reach the store {where} within {after_s:g} s", "see what else keeps that disk busy"
+        f"a row did not reach the store {where} within {after_s:g} s", "check what else keeps that disk busy"
     )
 
 
-def crowded(where: str, rows: int) -> CommitFailed:
-    """Say that there are more rows than a disk takes."""
+def queue_full(where: str, rows: int) -> CommitFailed:
+    """Return the error for a queue that grows faster than the disk can write."""
     return CommitFailed(f"the store {where} is too slow: {rows} rows wait for the disk", "use a faster disk")
 
 
-def consequence(failed: CommitFailed) -> str:
-    """Return the sentence for people: what is wrong, what follows from it, and what to do."""
+def trouble_text(failed: CommitFailed) -> str:
+    """Return the message for people: the error, its consequences, and the remedy."""
     return (
-        f"{failed.what}; until it can be written nothing is pressed, while releases and states go on, and what people say is in"
-        f" force but not kept over a restart; {failed.advice}; it is tried again by itself"
+        f"{failed.what}; until it can be written nothing is pressed, while releases and states continue, and decisions of people are"
+        f" in force but do not survive a restart; {failed.advice}; the manager retries by itself"
     )

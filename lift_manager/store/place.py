@@ -1,4 +1,4 @@
-"""Where a site's file is, and how it is replaced so that no crash leaves half of one."""
+"""Locates the files of a site, and replaces them so that a crash never leaves half a file."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from drivers.own_files import make_own, open_own
 from lift_manager.store.errors import StoreUnusable
 
 
-def store_path(site: str, said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
-    """Return the file of a site; `said` is the folder that its site file names.
+def store_path(site: str, folder: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
+    """Return the file of a site; `folder` is the one that its site file names.
 
-    In this order: the folder that systemd gives (`StateDirectory=`), the one of the site file, the user's own for states. The
-    end of the name tells apart sites whose names differ only in signs that a file name cannot have. Raises StoreUnusable.
+    In this order: the folder from systemd (`StateDirectory=`), the one of the site file, the user's own state folder. The hash in
+    the name separates sites whose names differ only in characters that a file name cannot have. Raises StoreUnusable.
     """
     words = re.sub(r"[^0-9A-Za-z.]+", "-", site).strip("-.").lower()
     digest = hashlib.sha256(site.encode()).hexdigest()[:8]
-    return _folder(said, site_file, environ) / f"{words or 'site'}-{digest}.db"
+    return _state_folder(folder, site_file, environ) / f"{words or 'site'}-{digest}.db"
 
 
-def _folder(said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
+def _state_folder(folder: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
     if given := environ.get("STATE_DIRECTORY", "").split(":")[0]:
         return Path(given)
-    if said is not None:
-        return (site_file.parent / Path(said).expanduser()).resolve()
+    if folder is not None:
+        return (site_file.parent / Path(folder).expanduser()).resolve()
     if home := environ.get("XDG_STATE_HOME", ""):
         return Path(home) / "lift-manager"
     try:
         return Path.home() / ".local" / "state" / "lift-manager"
     except RuntimeError as error:
-        text = "this user has no home folder to keep the state of the lifts in; name a folder with `state:` in the site file"
+        text = "this user has no home folder for the state of the lifts; name a folder with `state:` in the site file"
         raise StoreUnusable(text) from error
 
 
 def claim(path: Path) -> int | None:
-    """Keep other managers off a file until the descriptor that is returned is closed, or this process ends.
+    """Lock a file against other managers until the returned descriptor is closed, or this process ends.
 
-    None where there can be no lock: whoever writes the file hears of such a folder. Raises StoreUnusable if another process
-    on this machine has it.
+    None if the folder does not allow a lock; the first commit then reports why. Raises StoreUnusable if another process on this
+    machine has the lock.
     """
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -54,8 +54,8 @@ def claim(path: Path) -> int | None:
     except (BlockingIOError, PermissionError) as error:
         os.close(lock)
         raise StoreUnusable(
-            f"another manager that runs on this computer serves a site of this name: stop that one first, for each would wipe out what people"
-            f" said to the other in {path}; another site, with controllers of its own, needs another `name`"
+            f"another manager on this computer already serves a site of this name: stop that one first, because each would overwrite in {path}"
+            " what people decided in the other; another site, with controllers of its own, needs another `name`"
         ) from error
     except OSError:
         os.close(lock)
@@ -63,28 +63,28 @@ def claim(path: Path) -> int | None:
     return lock
 
 
-SHARED = "is in a folder that other users can write to, who could replace it"
+SHARED_FOLDER = "is in a folder that other users can write to, who could replace it"
 
 
-def unshared(folder: Path) -> str:
-    """Return what makes a folder one of this user alone, in words."""
-    return f"`chmod go-w {folder}`, or name another folder with `state:` in the site file, which is then made for this user alone"
+def unshare_advice(folder: Path) -> str:
+    """Return the advice on how to make a folder private to this user."""
+    return f"`chmod go-w {folder}`, or name another folder with `state:` in the site file, which is then created for this user only"
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Put new content in the place of a file: on the disk, or not at all. Raises OSError."""
+    """Replace the content of a file durably, or not at all. Raises OSError."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    beside = path.with_name(f"{path.name}.new")
-    with open(make_own(beside), "wb") as file:  # noqa: PTH123  of a descriptor
+    temporary = path.with_name(f"{path.name}.new")
+    with open(make_own(temporary), "wb") as file:  # noqa: PTH123  of a descriptor
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
-    put_in_place(beside, path)
+    put_in_place(temporary, path)
 
 
-def put_in_place(beside: Path, path: Path) -> None:
-    """Give a file that was written beside its place that name, and have the name on the disk. Raises OSError."""
-    beside.replace(path)
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Rename a temporary file to its final name, and flush the name to the disk. Raises OSError."""
+    temporary.replace(path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)

@@ -1,4 +1,4 @@
-"""A record as text: written by pydantic from a frozen dataclass, and read back only if it is whole."""
+"""Encodes a record as JSON with pydantic, and decodes it only if it is complete."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from lift_manager.runtime.recorder import SavedLift
 
 
 class RecordDamaged(ValueError):
-    """A record is not as a manager wrote it; the message says what is wrong."""
+    """A record is not as a manager wrote it; the message names the problem."""
 
 
-# a configuration reaches the dataclasses inside a list, and none can be given to a dataclass itself
+# pydantic takes no configuration for a plain dataclass, but applies it to those inside a list
 _ADAPTER = TypeAdapter(list[SavedLift], config=ConfigDict(strict=True, extra="forbid"))
 
 
 def encode(saved: SavedLift) -> str:
-    """Return what is saved of a lift as JSON."""
+    """Return the saved state of a lift as JSON."""
     return _ADAPTER.dump_json([saved]).decode()[1:-1]
 
 
 def decode(text: str) -> SavedLift:
-    """Read what is saved of a lift. Raises RecordDamaged for anything that `encode` does not write, a field that is missing included."""
+    """Decode the saved state of a lift. Raises RecordDamaged for anything that `encode` does not write, including a missing field."""
     try:
         (saved,) = _ADAPTER.validate_json(f"[{text}]")
         there, expected = json.loads(text), json.loads(encode(saved))
@@ -41,12 +41,12 @@ def decode(text: str) -> SavedLift:
 
 
 def digest(lift: str, text: str) -> bytes:
-    """Return the hash that is stored beside the record of a lift."""
+    """Return the hash that is stored with the record of a lift."""
     return hashlib.sha256(f"{lift}\n{text}".encode()).digest()
 
 
 def _require_all(place: str, there: Any, expected: Any) -> None:
-    """Raise RecordDamaged for a field that is missing: the value that stands for it in new records may forget a fire."""
+    """Raise RecordDamaged for a missing field: its default could hide a fire."""
     if isinstance(expected, dict):
         for name, value in expected.items():
             inner = f"{place}.{name}".removeprefix(".")
@@ -59,7 +59,7 @@ def _require_all(place: str, there: Any, expected: Any) -> None:
 
 
 def _require_moments(place: str, value: object) -> None:
-    """Raise RecordDamaged for a time without a zone, or one that not every zone can show."""
+    """Raise RecordDamaged for a time without a zone, or one that some zones cannot represent."""
     if isinstance(value, datetime):
         if value.tzinfo is None:
             raise RecordDamaged(f"{place}: is a time without a zone")

@@ -1,4 +1,4 @@
-"""What a store keeps of one site: a record per lift and the rows of the journal, committed together."""
+"""The store of one site: a record per lift and the rows of the journal, committed together."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ class PendingRow(NamedTuple):
 
 
 class UpkeepStep(NamedTuple):
-    """What one step of upkeep leaves to do."""
+    """What remains after one step of upkeep."""
 
     more: bool
     log_pages: int = 0
-    """How long the log beside the file has grown."""
+    """Length of the log next to the file."""
 
 
 class Store(Protocol):
     """Records and rows that outlive the manager. Every method may block; one thread at a time calls them.
 
-    `commit` is all or nothing and returns once everything is on the disk. After a `CommitFailed` it may have reached the disk all
-    the same: the next commit must begin with the same rows, and none of them is stored twice.
+    `commit` is all or nothing and returns once everything is on the disk. A commit that raised `CommitFailed` may have reached the
+    disk anyway: the next one must begin with the same rows, and none of them is stored twice.
     """
 
     def load(self) -> Mapping[str, SavedLift]:
@@ -37,9 +37,9 @@ class Store(Protocol):
         ...
 
     def commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> bool:
-        """Store these records and append these rows; returns whether the store wants to be tended. Raises CommitFailed.
+        """Store these records and append these rows; returns whether the store needs upkeep. Raises CommitFailed.
 
-        Without records and rows it is a trial, for which the disk does as much as for a row.
+        Without records and rows it is a trial that costs the disk as much as one row.
         """
         ...
 
@@ -47,12 +47,12 @@ class Store(Protocol):
         """Return the newest rows, the oldest of them first. Raises CommitFailed."""
         ...
 
-    def tend(self, now: int, *, check: bool) -> UpkeepStep:
-        """Do one short step of upkeep; with `check` look whether rows have to go. Raises CommitFailed and StoreDamaged."""
+    def do_upkeep(self, now: int, *, check: bool) -> UpkeepStep:
+        """Run one short step of upkeep; `check` looks for rows to remove. Raises CommitFailed and StoreDamaged."""
         ...
 
     def close(self) -> None:
-        """Close it, whatever the disk does; the next call opens it again."""
+        """Close the file and ignore errors; the next call opens it again."""
         ...
 
 
@@ -70,7 +70,7 @@ class MemoryStore:
         return dict(self.records)
 
     def commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> bool:
-        """Store these records and append these rows; nothing has to be tended."""
+        """Store these records and append these rows; no upkeep is needed."""
         self.records |= records
         self.rows += rows
         if len(self.rows) > 2 * self._keep:
@@ -81,9 +81,9 @@ class MemoryStore:
         """Return the newest rows, the oldest of them first."""
         return self.rows[len(self.rows) - count :] if count < len(self.rows) else tuple(self.rows)
 
-    def tend(self, now: int, *, check: bool) -> UpkeepStep:
-        """Have nothing to do."""
+    def do_upkeep(self, now: int, *, check: bool) -> UpkeepStep:
+        """Report that there is nothing to do."""
         return UpkeepStep(more=False)
 
     def close(self) -> None:
-        """Have nothing to close."""
+        """Do nothing: there is no file."""

@@ -1,4 +1,4 @@
-"""Who sends a request, and whether they may: every request passes here before any route sees it."""
+"""Authenticates and authorizes every request before a route handles it."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from lift_manager.api.access import AccessLevel, LiftIn, Route, refusal
 from lift_manager.api.keys import Key, Keys, Secret, holds_key
 from lift_manager.runtime.refusals import FaceRefusal
-from lift_manager.web.answers import answer, is_workshop, not_found, wrong_method
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.errors import RequestError
-from lift_manager.web.origin import by_a_foreign_name
+from lift_manager.web.origin import names_unknown_host
 from lift_manager.web.query import named_lifts
+from lift_manager.web.replies import error_reply, is_workshop, not_found, wrong_method
 
 KEY_IN_ADDRESS = (
     "the address holds what looks like a key; addresses are written down on the way here, so revoke that key, and send the next"
     " one in the header `Authorization: Bearer ...` alone"
 )
-BY_NAME = (
+UNKNOWN_HOST = (
     "this site has no keys, and the request names a host that is not known to be the manager: the owner of any name may let it lead"
     " here. Use the IP address of the manager's computer, or localhost on it; list the name in `api: {host_names: [...]}` of the site"
     " file; or make keys with `lift-manager keys make`"
@@ -36,28 +36,28 @@ BAD_KEY = "this key does not count here: it may be mistyped, revoked, or of anot
 _BEARER = re.compile("bearer( |$)", re.IGNORECASE)
 _CHALLENGE = 'Bearer realm="lift-manager"'
 _CALLER = "lift_manager.caller"
-REFUSED_LINES = 10
-REFUSED_WINDOW_S = 60.0
-"""Chosen: a client with a wrong key polls for weeks; ten lines a minute at the most, one for each address and reason."""
+MAX_LOGGED_REFUSALS = 10
+REFUSAL_WINDOW_S = 60.0
+"""Chosen: a client with a wrong key polls for weeks, so at most ten lines a minute, one per address and reason."""
 
 _log = logging.getLogger(__name__)
 
 
-def caller(request: Request) -> Key | None:
-    """Return whose key a request came with; None where none was needed."""
+def caller_key(request: Request) -> Key | None:
+    """Return the key that a request was authenticated with; None if it needed none."""
     key: Key | None = request.scope.get(_CALLER)
     return key
 
 
-def turned_away(request: Request, code: str, text: str, lift: str) -> FaceRefusal:
-    """Return what the journal is told of a request that a face refuses by itself."""
-    key, client = caller(request), request.client
+def face_refusal(request: Request, code: str, text: str, lift: str) -> FaceRefusal:
+    """Return the journal entry for a request that a face refuses by itself."""
+    key, client = caller_key(request), request.client
     name = "" if key is None else caller_name(request.scope["path"], key)
     return FaceRefusal(code, text, lift, name, "" if client is None else client.host)
 
 
 class Authenticator:
-    """Passes on what is in the table of routes, and may be asked by who asks it. All else ends here."""
+    """Passes on requests that are in the table of routes and allowed for their caller; answers all others itself."""
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class Authenticator:
         note: Callable[[FaceRefusal], None],
         host_names: Collection[str] = (),
     ) -> None:
-        """`note` hears of everybody who may not. Without keys the manager is known by `host_names`, its addresses and localhost alone."""
+        """`note` gets every refusal. Without keys, requests must name the manager by an address, localhost or one of `host_names`."""
         self._app = app
         self._host_names = frozenset(name.lower() for name in host_names)
         self._keys = keys
@@ -82,70 +82,70 @@ class Authenticator:
             try:
                 self._check(scope)
             except RequestError as error:
-                made = answer(scope["path"], error)
-                await (LingeringResponse(made) if _has_body(scope) else made)(scope, receive, send)
+                reply = error_reply(scope["path"], error)
+                await (LingeringResponse(reply) if _has_body(scope) else reply)(scope, receive, send)
             else:
                 await self._app(scope, receive, send)
         else:
-            # there is no websocket here; should there be one, it needs a check of its own
+            # there are no websockets; one would need a check of its own
             await send({"type": "websocket.close", "code": 1008, "reason": ""})
 
     def _check(self, scope: Scope) -> None:
-        """Note the caller in the scope. Raises RequestError for who may not."""
+        """Store the key of the caller in the scope. Raises RequestError if the request is not allowed."""
         path: str = scope["path"]
         if holds_key(path) or holds_key(unquote_plus(scope["query_string"].decode("latin-1"))):
-            raise self._refused(scope, RequestError("key_in_address", KEY_IN_ADDRESS), "a key in its address")
-        route, lift, methods = self._find(path, scope["method"])
-        if not self._keys.needed and by_a_foreign_name(Request(scope), self._host_names):
-            error = RequestError("another_site", BY_NAME)
-            raise self._refused(scope, error, "it names a host that is not known to be the manager", lifts=[lift])
+            raise self._refuse(scope, RequestError("key_in_address", KEY_IN_ADDRESS), "a key in its address")
+        route, lift, methods = self._match_route(path, scope["method"])
+        if not self._keys.are_required and names_unknown_host(Request(scope), self._host_names):
+            error = RequestError("another_site", UNKNOWN_HOST)
+            raise self._refuse(scope, error, "it names a host that is not known to be the manager", lifts=[lift])
         if route is not None and route.need is AccessLevel.NOTHING:
             return
-        key = scope[_CALLER] = self._caller(scope)
+        key = scope[_CALLER] = self._authenticate(scope)
         if route is None:
             raise wrong_method(path, methods) if methods else not_found(path)
         if key is not None:
             lifts = _lifts_of(route, lift, scope, key)
             if why := refusal(key.role, key.lifts, route.need, lifts):
                 about = f"the key {key.name} may not do this"
-                raise self._refused(scope, RequestError("not_allowed", why), about, key=key, lifts=lifts)
+                raise self._refuse(scope, RequestError("not_allowed", why), about, key=key, lifts=lifts)
 
-    def _find(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
-        """Return the route, the lift in its path, and which methods the path takes where it is not this one."""
+    def _match_route(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
+        """Return the route and the lift in its path, or without a match the methods that the path accepts."""
         for pattern, route in self._routes:
             if method in route.methods and (match := pattern.match(path)) is not None:
                 return route, match.groupdict().get("lift", ""), ()
         others = [method for pattern, route in self._routes if pattern.match(path) for method in route.methods]
         return None, "", tuple(dict.fromkeys(others))
 
-    def _caller(self, scope: Scope) -> Key | None:
-        """Return whose key a request shows; None where it shows none and needs none. Raises RequestError for a key that does not count."""
+    def _authenticate(self, scope: Scope) -> Key | None:
+        """Return the key of a request; None if it needs and sends none. Raises RequestError for an invalid key."""
         sent = Headers(scope=scope).getlist("authorization")
-        if not self._keys.needed and not any(map(_BEARER.match, sent)):
+        if not self._keys.are_required and not any(map(_BEARER.match, sent)):
             return None
         if not sent:
             error = RequestError("key_needed", NO_KEY, headers={"www-authenticate": _CHALLENGE})
-            raise self._refused(scope, error, "it has no key")
+            raise self._refuse(scope, error, "it has no key")
         bearer = _BEARER.match(sent[0])
         if len(sent) == 1 and bearer and (key := self._keys.find(Secret(sent[0][bearer.end() :].strip()))):
             return key
         challenge = f'{_CHALLENGE}, error="invalid_token"'
         error = RequestError("bad_key", BAD_KEY, headers={"www-authenticate": challenge})
-        raise self._refused(scope, error, "its key does not count")
+        raise self._refuse(scope, error, "its key does not count")
 
-    def _refused(
+    def _refuse(
         self, scope: Scope, error: RequestError, why: str, *, key: Key | None = None, lifts: Sequence[str] = ()
     ) -> RequestError:
         client = scope.get("client")
         address = str(client[0]) if client else ""
-        self._log.refused(address or "an unknown address", why)
+        self._log.log_refusal(address or "an unknown address", why)
         name = "" if key is None else caller_name(scope["path"], key)
         self._note(FaceRefusal(error.code, why, "".join(lifts[:1]), name, address))
         return error
 
 
 def caller_name(path: str, key: Key) -> str:
-    """Return the caller as the journal shows it: that of the workshop API is a holder."""
+    """Return the caller as the journal names it: with its face on the workshop API."""
     return f"workshop:{key.name}" if is_workshop(path) else key.name
 
 
@@ -156,7 +156,7 @@ def _lifts_of(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:
         case LiftIn.QUERY:
             return named_lifts(scope)
         case LiftIn.BODY:
-            return list(key.lifts)  # the route looks at the lift itself
+            return list(key.lifts)  # the route checks the lift itself
         case None:
             return []
 
@@ -171,19 +171,19 @@ class RefusalLog:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._began_at = -REFUSED_WINDOW_S
+        self._began_at = -REFUSAL_WINDOW_S
         self._logged: set[tuple[str, str]] = set()
         self._suppressed = 0
 
-    def refused(self, address: str, why: str) -> None:
-        """Log this, or count it where enough was logged. `why` is ours: nothing that a caller sent belongs in it."""
+    def log_refusal(self, address: str, why: str) -> None:
+        """Log a refusal, or only count it if enough were logged. `why` must not contain anything that the caller sent."""
         now = self._clock()
-        if now - self._began_at >= REFUSED_WINDOW_S:
+        if now - self._began_at >= REFUSAL_WINDOW_S:
             if self._suppressed:
                 _log.warning("%d more requests were refused since, and not logged each", self._suppressed)
             self._began_at, self._suppressed = now, 0
             self._logged.clear()
-        if (address, why) in self._logged or len(self._logged) >= REFUSED_LINES:
+        if (address, why) in self._logged or len(self._logged) >= MAX_LOGGED_REFUSALS:
             self._suppressed += 1
             return
         self._logged.add((address, why))

@@ -1,4 +1,4 @@
-"""The table of who may ask what, for people: ACCESS.md beside this file, written anew by `python -m lift_manager.web.access_table`."""
+"""Generates ACCESS.md, the table of which roles may send which requests: `python -m lift_manager.web.access_table`."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ COLUMNS = (
     "commissioner",
 )
 NO_KEYS = ("this computer", "another computer")
-_HEAD = """# Who may ask what
+_HEAD = """# Which roles may send which requests
 
-Written by `python -m lift_manager.web.access_table` from `lift_manager/api/access.py`; a test compares it, and asks the
-application every cell. What is not in the table does not exist.
+Written by `python -m lift_manager.web.access_table` from `lift_manager/api/access.py`; a test compares it and tries
+every cell on the application. A request that is not in the table does not exist.
 
-Where the site has a live key. "no" is 401 without a key and 403 with one.
+With keys: the site has at least one live key. "no" is 401 without a key and 403 with one.
 
 """
-_BETWEEN = """
-Where it has none. On an address that other computers reach, this needs `api: {without_keys: "<why>"}` in the site file.
+_WITHOUT_KEYS_HEAD = """
+Without keys. On an address that other computers can reach, this needs `api: {without_keys: "<why>"}` in the site file.
 Each request has to name the manager by an address, as localhost, or by `host` or one of `host_names` under `api`.
 
 """
@@ -37,15 +37,15 @@ Each request has to name the manager by an address, as localhost, or by `host` o
 
 def access_table() -> str:
     """Return the text of ACCESS.md."""
-    return _HEAD + "".join(_table(COLUMNS, _with_keys)) + _BETWEEN + "".join(_table(NO_KEYS, _without_keys))
+    return _HEAD + "".join(_table(COLUMNS, _with_keys)) + _WITHOUT_KEYS_HEAD + "".join(_table(NO_KEYS, _without_keys))
 
 
 def _table(columns: tuple[str, ...], cells: Callable[[Route], tuple[bool, ...]]) -> Iterator[str]:
     yield f"| request | needs | {' | '.join(columns)} |\n"
     yield f"|---|---|{'---|' * len(columns)}\n"
     for route in ROUTES:
-        said = ("yes" if may else "no" for may in cells(route))
-        yield f"| `{' '.join(route.methods)} {route.path}` | {route.need} | {' | '.join(said)} |\n"
+        marks = ("yes" if may else "no" for may in cells(route))
+        yield f"| `{' '.join(route.methods)} {route.path}` | {route.need} | {' | '.join(marks)} |\n"
 
 
 def _with_keys(route: Route) -> tuple[bool, ...]:

@@ -1,4 +1,4 @@
-"""The web application: routes, documentation, and an orderly answer to everything else."""
+"""Builds the web application: routes, documentation, and error replies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
 from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
 from lift_manager.web.access import Authenticator
-from lift_manager.web.answers import answer, failed, is_workshop, not_found, request_error
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.error_table import error_table
 from lift_manager.web.errors import RequestError
@@ -28,11 +27,12 @@ from lift_manager.web.events import routes as events
 from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access
+from lift_manager.web.replies import error_reply, is_workshop, not_found, request_error, workshop_failure
 from lift_manager.web.workshop import workshop_router
 
 DESCRIPTION = """
 Calls lifts for robots, over Modbus/TCP to the lifts' own controllers. **Not a safety component**: it can do what a
-passenger can do, and it says what the controller says.
+passenger can do, and it reports what the controller reports.
 
 Errors of `/api/v1` are problem+json with a stable `code`: [all of them](errors.md).
 """
@@ -51,10 +51,11 @@ def make_app(
     streams: int | None = None,
     host_names: Collection[str] = (),
 ) -> FastAPI:
-    """Everything a browser or a REST client can reach; one is enough for one site.
+    """Return the application that serves a site.
 
-    At most so many `streams` are open at a time; where nobody says, a part of the connections that this computer has room for.
-    Without `keys` everybody is let in who addresses the manager as localhost, by an address or by one of `host_names`. What is not in `routes` cannot be reached, whatever is added to the application.
+    `streams` limits the open event streams; the default is a share of the connections that this computer can open. Without `keys`,
+    everybody is admitted who addresses the manager by an address, localhost or one of `host_names`. Only `routes` can be reached,
+    whatever else is added to the application.
     """
     app = FastAPI(
         title="Lift manager",
@@ -67,7 +68,7 @@ def make_app(
         docs_url=None,  # FastAPI's own pages load their scripts from the internet
         redoc_url=None,
         root_path_in_servers=False,
-        redirect_slashes=False,  # a redirect would name the host that the caller claims to have asked
+        redirect_slashes=False,  # a redirect would contain the host name that the caller sent
         separate_input_output_schemas=False,
     )
     app.add_exception_handler(HTTPException, _explain)
@@ -105,26 +106,28 @@ async def _errors() -> Response:
 
 
 async def _explain(request: Request, error: Exception) -> Response:
-    """Return 404 and the like in the form of the face that was addressed."""
+    """Reply to 404 and similar errors in the format of the requested face."""
     assert isinstance(error, HTTPException)  # noqa: S101  the type of a handler is wider than what it is given
     path = request.url.path
     if error.status_code == HTTPStatus.NOT_FOUND:
-        return answer(path, not_found(path))
-    return answer(path, RequestError("http_error", str(error.detail), headers=error.headers, status=error.status_code))
+        return error_reply(path, not_found(path))
+    return error_reply(
+        path, RequestError("http_error", str(error.detail), headers=error.headers, status=error.status_code)
+    )
 
 
 async def _refuse(request: Request, error: Exception) -> Response:
-    """A request that a route does not carry out. Clients of the workshop API look at `success`, so that one has HTTP 200."""
+    """Reply to a refused request. The workshop API has HTTP 200, because its clients look at `success`."""
     if isinstance(error, RequestRefused):
         error = request_error(error)
     assert isinstance(error, RequestError)  # noqa: S101  as above
     path = request.url.path
-    made = failed(error.message) if is_workshop(path) else answer(path, error)
-    return LingeringResponse(made) if error.code == "too_long" else made
+    reply = workshop_failure(error.message) if is_workshop(path) else error_reply(path, error)
+    return LingeringResponse(reply) if error.code == "too_long" else reply
 
 
 class LastResort:
-    """Logs a bug once, with its traceback, and tells the caller no more than that there was one.
+    """Logs a bug once, with its traceback, and tells the caller only that there was one.
 
     Starlette's own handler for unexpected errors raises them again after the answer, and the server logs them a second
     time.
@@ -151,4 +154,4 @@ class LastResort:
             # an answer that has begun cannot be taken back: the server sees it unfinished and closes the connection
             if not started:
                 bug = RequestError("internal_error", INTERNAL_ERROR)
-                await answer(scope["path"], bug)(scope, receive, send)
+                await error_reply(scope["path"], bug)(scope, receive, send)

@@ -1,4 +1,4 @@
-"""Take a request's body off the wire, however long, late or broken it is."""
+"""Reads the body of a request safely, however long, late or broken it is."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from lift_manager.web.errors import RequestError
 
 LIMIT_BYTES = 64 * 1024
 """Chosen: a request is about 40 bytes."""
-ARRIVES_WITHIN_S = 1.0
-"""The workshop's clients give up after 1 s, so nobody waits for a later body."""
+BODY_WITHIN_S = 1.0
+"""Clients of the workshop API give up after 1 s, so a later body is useless."""
 KEYS_LIMIT = 100
-"""Of one object. Chosen: a request has two."""
+"""Per object. Chosen: a request has two."""
 LINGER_S = 1.0
 LINGER_BYTES = 4 * 1024 * 1024
-"""Chosen: room for a client that sends some megabytes before it looks at the answer."""
+"""Chosen: enough for a client that sends a few megabytes before it reads the reply."""
 
 
 async def read_body(request: Request) -> bytes:
-    """The whole body, at most `LIMIT_BYTES` of it.
+    """Return the whole body, at most `LIMIT_BYTES`.
 
-    Raises RequestError when it is too long, too late or cut off. A declared length is only believed when it is too long.
+    Raises RequestError if it is too long, late or truncated. A declared length is only trusted if it is too long.
     """
     declared = request.headers.get("content-length", "")
     if declared.isdecimal() and (len(declared) > 18 or int(declared) > LIMIT_BYTES):
         raise _too_long()
     body = bytearray()
     try:
-        async with asyncio.timeout(ARRIVES_WITHIN_S):
+        async with asyncio.timeout(BODY_WITHIN_S):
             async for chunk in request.stream():
                 body += chunk
                 if len(body) > LIMIT_BYTES:
                     raise _too_long()
-    except TimeoutError as late:
-        raise RequestError("malformed", f"the body did not arrive within {ARRIVES_WITHIN_S:g} s") from late
-    except ClientDisconnect as gone:
-        raise RequestError("malformed", "the connection ended before the body did") from gone
+    except TimeoutError as error:
+        raise RequestError("malformed", f"the body did not arrive within {BODY_WITHIN_S:g} s") from error
+    except ClientDisconnect as error:
+        raise RequestError("malformed", "the connection ended before the body did") from error
     return bytes(body)
 
 
@@ -51,16 +51,16 @@ def _too_long() -> RequestError:
 
 
 def decode_object(body: bytes) -> dict[str, object]:
-    """The JSON object that the body holds, whatever content type was declared for it.
+    """Return the JSON object in a body, whatever its declared content type.
 
-    Raises RequestError for anything else, ambiguity (the same key twice, NaN) and an API key included: what is said here is quoted
-    in answers and written down.
+    Raises RequestError for anything else, including ambiguity (a repeated key, NaN) and an API key, because values are quoted in
+    replies and in the journal.
     """
     if not body.strip():
         raise RequestError("malformed", "the body is empty")
     try:
         # utf-8-sig: some Windows tools put a byte order mark in front
-        value = json.loads(body.decode("utf-8-sig"), object_pairs_hook=_unique_keys, parse_constant=_no_constant)
+        value = json.loads(body.decode("utf-8-sig"), object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
         has_key = holds_key(json.dumps(value, ensure_ascii=False))
     except UnicodeDecodeError as error:
         raise RequestError("malformed", f"the body is not UTF-8 (byte {error.start})") from error
@@ -77,7 +77,7 @@ def decode_object(body: bytes) -> dict[str, object]:
             " `Authorization: Bearer ...` alone",
         )
     if not isinstance(value, dict):
-        raise RequestError("malformed", f"the body must be a JSON object, not {shown(value)}")
+        raise RequestError("malformed", f"the body must be a JSON object, not {quoted(value)}")
     return value
 
 
@@ -87,17 +87,17 @@ def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     found: dict[str, object] = {}
     for key, value in pairs:
         if key in found:
-            raise RequestError("malformed", f"the key {shown(key)} is in the body twice")
+            raise RequestError("malformed", f"the key {quoted(key)} is in the body twice")
         found[key] = value
     return found
 
 
-def _no_constant(name: str) -> NoReturn:
+def _refuse_constant(name: str) -> NoReturn:
     raise RequestError("malformed", f"{name} is not JSON")
 
 
-def shown(value: object) -> str:
-    """A caller's value as it may be quoted in a message: short, and always printable."""
+def quoted(value: object) -> str:
+    """Return a value from a caller in a form for messages: short and printable."""
     match value:
         case dict():
             return "an object"
@@ -111,14 +111,14 @@ def shown(value: object) -> str:
 
 
 class LingeringResponse(Response):
-    """Another response, for a caller who may still be sending.
+    """A response for a caller that may still be sending.
 
-    It goes out at once. What still comes is thrown away for a bounded while, because closing with unread data resets the
-    connection, and a client that sends everything before it reads would then never see the answer.
+    It is sent at once. Further data is discarded for a bounded time, because closing with unread data resets the connection, and a
+    client that sends everything before it reads would never see the reply.
     """
 
-    def __init__(self, made: Response) -> None:
-        super().__init__(made.body, made.status_code, {**made.headers, "connection": "close"})
+    def __init__(self, reply: Response) -> None:
+        super().__init__(reply.body, reply.status_code, {**reply.headers, "connection": "close"})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
@@ -128,13 +128,13 @@ class LingeringResponse(Response):
 
 
 async def _discard(receive: Receive) -> None:
-    left = LINGER_BYTES
+    remaining = LINGER_BYTES
     try:
         async with asyncio.timeout(LINGER_S):
-            while left > 0:
+            while remaining > 0:
                 message = await receive()
                 if not message.get("more_body", False):
                     return
-                left -= len(message["body"])
+                remaining -= len(message["body"])
     except TimeoutError:
         return

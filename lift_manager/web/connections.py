@@ -1,4 +1,4 @@
-"""Which connections a server keeps, and which one it closes to make room for another."""
+"""Limits the connections of a server, and closes idle ones to make room for new ones."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from typing import NamedTuple
 from lift_manager.web.origin import is_loopback, unmapped
 
 LOG_EVERY_S = 60.0
-"""Chosen: a flood fills no log, and a person who reads it sees that it goes on."""
+"""Chosen: a flood does not fill the log, and a reader of the log sees that it continues."""
 
 Network = IPv4Network | IPv6Network
 
 _CLIENT_SHARE = 4
-"""One client gets at most one of so many places. Chosen: four hostile addresses are harder to come by than one."""
-_OWN_SHARE = 20
-"""One of so many places is for programs on the manager's own computer. Chosen: the command line and a few pages."""
+"""One client gets at most a quarter of all connections. Chosen: four hostile addresses are harder to get than one."""
+_LOCAL_SHARE = 20
+"""One in twenty connections is reserved for programs on the manager's own computer. Chosen: the command line and a few pages."""
 _IPV6_CLIENT_BITS = 64
-"""One client of IPv6 has as many addresses as it likes within the prefix of its network."""
+"""An IPv6 client can use any address within the prefix of its network."""
 
 _log = logging.getLogger(__name__)
 
@@ -32,20 +32,20 @@ class ConnectionLimits:
     """How many connections may be open at a time."""
 
     total: int
-    from_others: int
-    """From other computers; the difference is reserved for programs on this one."""
+    remote: int
+    """From other computers; the rest is reserved for programs on this one."""
     per_client: int
     """From one address of another computer that is not a trusted proxy."""
     trusted_proxies: tuple[Network, ...] = ()
 
     @classmethod
     def of(cls, total: int, trusted_proxies: tuple[Network, ...] = ()) -> ConnectionLimits:
-        """Return the limits that go with a total."""
-        reserved = min(max(1, total // _OWN_SHARE), total - 1)
+        """Return the limits for a total."""
+        reserved = min(max(1, total // _LOCAL_SHARE), total - 1)
         return cls(total, total - reserved, max(1, total // _CLIENT_SHARE), trusted_proxies)
 
     def is_trusted(self, address: str) -> bool:
-        """Whether this is the address of a proxy, behind which there are many clients."""
+        """Whether this is the address of a trusted proxy, which may have many clients."""
         if not self.trusted_proxies:
             return False
         try:
@@ -55,25 +55,25 @@ class ConnectionLimits:
         return any(found in network for network in self.trusted_proxies)
 
 
-class _Waiting(NamedTuple):
+class _IdleConnection(NamedTuple):
     """A connection that waits for its client."""
 
-    yields_from: float
-    """Loop time from which on it may be closed to make room."""
+    evictable_at: float
+    """Loop time from which it may be closed to make room."""
     close: Callable[[], object]
 
 
-class _Bound(NamedTuple):
-    """One limit: whose connections count, how many these are, how many there may be, and all of it in words."""
+class _Limit(NamedTuple):
+    """A limit: which clients it covers, how many connections they have and may have, and a text for the log."""
 
     is_member: Callable[[str], bool]
-    taken: int
-    limit: int
+    used: int
+    maximum: int
     text: str
 
 
 class Connections:
-    """The connections of one server: whose they are, and which of them wait for their client."""
+    """The connections of one server, by client, and which of them are idle."""
 
     def __init__(self, limits: ConnectionLimits) -> None:
         self._loop = asyncio.get_running_loop()
@@ -82,45 +82,45 @@ class Connections:
         """By connection; the empty text for this computer."""
         self._count: Counter[str] = Counter()
         """Connections by client."""
-        self._waiting: dict[Hashable, _Waiting] = {}
-        """The one that has waited longest is the first."""
-        self._report = _Report()
+        self._idle: dict[Hashable, _IdleConnection] = {}
+        """In the order in which they became idle."""
+        self._report = _LimitLog()
 
     def make_room(self, address: str) -> bool:
-        """Whether there is a place for a connection from here; an idle connection is closed if it takes that."""
+        """Return whether a connection from this address is accepted; closes an idle connection if that is needed."""
         client = self._client_of(address)
-        for bound in self._bounds(client, address):
-            if bound.taken < bound.limit:
+        for limit in self._limits_for(client, address):
+            if limit.used < limit.maximum:
                 continue
-            oldest = self._oldest_waiting(bound.is_member)
-            self._report.note(f"{bound.text} ({self._busiest()})", closed=oldest is not None)
+            oldest = self._oldest_idle(limit.is_member)
+            self._report.note(f"{limit.text} ({self._busiest()})", closed=oldest is not None)
             if oldest is None:
                 return False
-            close = self._waiting[oldest].close
+            close = self._idle[oldest].close
             self.remove(oldest)
             close()
         return True
 
-    def add(self, connection: Hashable, address: str, close: Callable[[], object], *, yields_after_s: float) -> None:
-        """Count a connection that is being made; it makes room for others when that takes this long."""
+    def add(self, connection: Hashable, address: str, close: Callable[[], object], *, evictable_after_s: float) -> None:
+        """Count a connection that is being established; it may be closed to make room if that takes too long."""
         client = self._client_of(address)
         self._client[connection] = client
         self._count[client] += 1
-        self._waiting[connection] = _Waiting(self._loop.time() + yields_after_s, close)
+        self._idle[connection] = _IdleConnection(self._loop.time() + evictable_after_s, close)
 
-    def wait(self, connection: Hashable, close: Callable[[], object]) -> None:
-        """A connection waits for its client's next request from now on; it makes room for others at once."""
-        self._waiting.pop(connection, None)
+    def mark_idle(self, connection: Hashable, close: Callable[[], object]) -> None:
+        """Mark a connection as waiting for the next request: it may be closed to make room."""
+        self._idle.pop(connection, None)
         if connection in self._client:
-            self._waiting[connection] = _Waiting(self._loop.time(), close)
+            self._idle[connection] = _IdleConnection(self._loop.time(), close)
 
-    def serve(self, connection: Hashable) -> None:
-        """A request is being answered on a connection: it makes room for nobody."""
-        self._waiting.pop(connection, None)
+    def mark_busy(self, connection: Hashable) -> None:
+        """Mark a connection as answering a request: it is not closed to make room."""
+        self._idle.pop(connection, None)
 
     def remove(self, connection: Hashable) -> None:
-        """Give up the place of a connection; may be repeated."""
-        self._waiting.pop(connection, None)
+        """Stop counting a connection; may be repeated."""
+        self._idle.pop(connection, None)
         client = self._client.pop(connection, None)
         if client is not None:
             self._count[client] -= 1
@@ -128,25 +128,25 @@ class Connections:
                 del self._count[client]
 
     def close(self) -> None:
-        """Log nothing any more."""
+        """Stop logging."""
         self._report.close()
 
-    def _bounds(self, client: str, address: str) -> Iterator[_Bound]:
-        """Yield what limits a newcomer, narrow before wide, each as it is once there is room within the one before."""
+    def _limits_for(self, client: str, address: str) -> Iterator[_Limit]:
+        """Yield the limits for a new connection, the narrowest first, each with the count after room was made for the one before."""
         limits = self._limits
         if client and not limits.is_trusted(address):
             text = f"{client} has {limits.per_client} connections, and one client gets no more; if it is a proxy, name it in `trusted_proxies`"
-            yield _Bound(client.__eq__, self._count[client], limits.per_client, text)
+            yield _Limit(client.__eq__, self._count[client], limits.per_client, text)
         if client:
-            text = f"all {limits.from_others} places for connections from other computers are taken"
-            yield _Bound(bool, len(self._client) - self._count[""], limits.from_others, text)
+            text = f"all {limits.remote} places for connections from other computers are taken"
+            yield _Limit(bool, len(self._client) - self._count[""], limits.remote, text)
         text = f"all {limits.total} places for connections are taken"
-        yield _Bound(lambda _: True, len(self._client), limits.total, text)
+        yield _Limit(lambda _: True, len(self._client), limits.total, text)
 
-    def _oldest_waiting(self, is_member: Callable[[str], bool]) -> Hashable | None:
+    def _oldest_idle(self, is_member: Callable[[str], bool]) -> Hashable | None:
         now = self._loop.time()
-        for connection, waiting in self._waiting.items():
-            if waiting.yields_from <= now and is_member(self._client[connection]):
+        for connection, waiting in self._idle.items():
+            if waiting.evictable_at <= now and is_member(self._client[connection]):
                 return connection
         return None
 
@@ -155,7 +155,7 @@ class Connections:
         return f"{count} by {client or 'this computer'}"
 
     def _client_of(self, address: str) -> str:
-        """Return what counts as one client; the empty text for this computer."""
+        """Return the client that an address belongs to; empty for this computer."""
         if is_loopback(address):
             return ""
         try:
@@ -167,8 +167,8 @@ class Connections:
         return str(found)
 
 
-class _Report:
-    """One line of the log when places run out, and one a minute for as long as that goes on."""
+class _LimitLog:
+    """Logs one line when a limit is reached, and one a minute while that continues."""
 
     def __init__(self) -> None:
         self._closed = 0
@@ -185,7 +185,7 @@ class _Report:
             self._write()
 
     def close(self) -> None:
-        """Write nothing any more."""
+        """Stop logging."""
         if self._pause is not None:
             self._pause.cancel()
 

@@ -1,4 +1,4 @@
-"""The table of error codes, for people: ERRORS.md beside this file, written anew by `python -m lift_manager.web.error_table`."""
+"""Generates ERRORS.md, the table of error codes: `python -m lift_manager.web.error_table`."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from lift_manager.web.codes import CODES
 
 FILE = Path(__file__).with_name("ERRORS.md")
 
-_HEAD = """# What an answer no says
+_HEAD = """# Error codes
 
 Written by `python -m lift_manager.web.error_table` from `lift_manager/web/codes.py`; a test compares it. The manager serves it
 as `/errors.md`.
 
 Each error of `/api/v1` is problem+json (RFC 9457): `type`, `title`, `status`, `detail` for people, and `code` for programs, which
-stays the same from version to version. What stands in the way is told as values too, where it is known: `holder` (`face:name`),
-`mode`, `since_s`, `age_s`, `ahead`; and `field` names the key of the body, or of the query, that is wrong.
+stays the same from version to version. Where it is known, the obstacle is given as values as well: `holder` (`face:name`), `mode`,
+`since_s`, `age_s`, `ahead`. `field` names the key of the body, or of the query, that is wrong.
 
-| code | status | title | what it means, and what helps |
+| code | status | title | meaning and remedy |
 |---|---|---|---|
 """
 
@@ -25,7 +25,9 @@ stays the same from version to version. What stands in the way is told as values
 def error_table() -> str:
     """Return the text of ERRORS.md."""
     order = sorted(CODES.items(), key=lambda entry: (entry[1].status, entry[0]))
-    return _HEAD + "".join(f"| `{code}` | {said.status} | {said.title} | {said.text} |\n" for code, said in order)
+    return _HEAD + "".join(
+        f"| `{code}` | {entry_code.status} | {entry_code.title} | {entry_code.text} |\n" for code, entry_code in order
+    )
 
 
 if __name__ == "__main__":

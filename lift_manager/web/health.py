@@ -1,4 +1,4 @@
-"""For whatever watches the process: whether it lives and can do its work, without a key, and measurements for Prometheus."""
+"""Health checks without a key, and metrics for Prometheus."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from starlette.responses import JSONResponse, Response
 
 from lift_manager.lift.state import Quality
 from lift_manager.runtime.site import Site
-from lift_manager.web.answers import NO_STORE, answer, not_found
+from lift_manager.web.replies import NO_STORE, error_reply, not_found
 
 TAG = "health"
 
 TAG_DESCRIPTION = """
-For whoever watches the process. Neither needs a key, and neither tells more of the site than how many lifts it has.
+For monitoring of the process. The checks need no key, and reveal nothing about the site but the number of its lifts.
 """
 
 _ALIVE = {"status": "ok"}
-_WRITTEN = "written"
-_NOT_WRITTEN = "not written: nothing is pressed; the manager's log says why"
-_EXAMPLE = {"ready": True, "journal": _WRITTEN, "state": _WRITTEN, "lifts": 3, "live": 3}
+_WRITABLE = "written"
+_NOT_WRITABLE = "not written: nothing is pressed; the manager's log says why"
+_EXAMPLE = {"ready": True, "journal": _WRITABLE, "state": _WRITABLE, "lifts": 3, "live": 3}
 
 
 Scrape = Callable[[str], Awaitable[tuple[bytes, str]]]
-"""From an `Accept` header to body and content type."""
+"""Returns body and content type for an `Accept` header."""
 
 _METRICS_EXAMPLE = """# HELP lift_manager_lift_live Whether there is a reading young enough to act on.
 # TYPE lift_manager_lift_live gauge
@@ -33,12 +33,12 @@ lift_manager_lift_live{lift="east"} 1
 """
 _METRICS_DESCRIPTION = """
 Counters, gauges and histograms in the text format of Prometheus, or in OpenMetrics where `Accept` names it. Answered from
-memory: no controller is waited for. Any key may read it; `deploy/prometheus/` has a scrape configuration and alert rules.
+memory, without waiting for controllers. Any key may read it; `deploy/prometheus/` has a scrape configuration and alert rules.
 """
 
 
 def health_router(site: Site) -> APIRouter:
-    """Two routes that answer from memory."""
+    """Return the routes of the health checks, which reply from memory."""
     router = APIRouter(tags=[TAG])
 
     async def healthz() -> Response:
@@ -48,7 +48,7 @@ def health_router(site: Site) -> APIRouter:
         names = site.lift_names()
         live = sum(site.state(name).quality is Quality.LIVE for name in names)
         unwritten = site.unwritten
-        files = {file: _NOT_WRITTEN if file in unwritten else _WRITTEN for file in ("journal", "state")}
+        files = {file: _NOT_WRITABLE if file in unwritten else _WRITABLE for file in ("journal", "state")}
         body = {"ready": not unwritten, **files, "lifts": len(names), "live": live}
         return _answer(body, 503 if unwritten else 200)
 
@@ -57,7 +57,7 @@ def health_router(site: Site) -> APIRouter:
         healthz,
         methods=["GET"],
         summary="The process answers",
-        description="The process and its loop. What is wrong with a lift, or with the disk, is no reason to start it anew.",
+        description="The process and its loop are alive. A problem with a lift or the disk is no reason to restart it.",
         response_class=Response,
         responses={200: _documented("It does.", _ALIVE)},
     )
@@ -67,15 +67,15 @@ def health_router(site: Site) -> APIRouter:
         methods=["GET"],
         summary="Robots are served",
         description=(
-            "Robots are served while what is done can be written down. A lift that is offline is counted, and does not matter:"
-            " the others go on."
+            "Robots are served while the journal can be written. A lift that is offline is counted, but does not matter:"
+            " the others continue."
         ),
         response_class=Response,
         responses={
             200: _documented("They are.", _EXAMPLE),
             503: _documented(
-                "Journal and state cannot be written: nothing is pressed, while letting go and states go on.",
-                {**_EXAMPLE, "ready": False, "journal": _NOT_WRITTEN, "state": _NOT_WRITTEN},
+                "Journal and state cannot be written: nothing is pressed, while releases and states continue.",
+                {**_EXAMPLE, "ready": False, "journal": _NOT_WRITABLE, "state": _NOT_WRITABLE},
             ),
         },
     )
@@ -83,12 +83,12 @@ def health_router(site: Site) -> APIRouter:
 
 
 def metrics_router(scrape: Scrape | None) -> APIRouter:
-    """One route; without `scrape` it says that there is nothing here."""
+    """Return the route of the metrics; without `scrape` it replies with 404."""
     router = APIRouter(tags=[TAG])
 
     async def metrics(request: Request) -> Response:
         if scrape is None:
-            return answer(request.url.path, not_found(request.url.path))
+            return error_reply(request.url.path, not_found(request.url.path))
         body, content_type = await scrape(request.headers.get("accept", ""))
         return Response(body, headers={"content-type": content_type, **NO_STORE})
 

@@ -1,4 +1,4 @@
-"""uvicorn's HTTP protocol with limits of its own, answering in JSON even to what it cannot read."""
+"""uvicorn's HTTP protocol with limits, and with JSON replies even to requests that it cannot parse."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import uvicorn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
-from lift_manager.web.answers import answer
 from lift_manager.web.body import LINGER_BYTES, LINGER_S
 from lift_manager.web.connections import Connections
 from lift_manager.web.errors import RequestError
+from lift_manager.web.replies import error_reply
 
 ADVICE = (
     "this could not be read as HTTP/1.1; write what is not ASCII in the address percent-encoded"
     " (curl: -G --data-urlencode 'lift_name=...') and let Content-Length be the length of the body"
 )
 HEAD_LIMIT_BYTES = 32 * 1024
-"""Of request line and headers. Chosen: four times what common proxies pass on; the parser itself knows no limit."""
+"""Request line and headers. Chosen: four times what common proxies pass on; the parser itself has no limit."""
 HEADERS_LIMIT = 100
 HEAD_WITHIN_S = 10.0
-"""Chosen: a head is one packet; who takes longer sends it drop by drop to keep the connection."""
+"""Chosen: a head is one packet; a slower client sends it drop by drop to keep the connection."""
 
-TAKEN_WITHIN_S = 60.0
-"""Chosen: what waits is some 64 KiB at most (uvicorn's high-water mark), and whoever has not taken it by then does not read."""
+READ_WITHIN_S = 60.0
+"""Chosen: at most some 64 KiB are waiting (uvicorn's high-water mark), and a client that has not read them by then does not read."""
 
-_BAD = RequestError("not_http", ADVICE)
-_WITHOUT_HOST = RequestError(
+_NOT_HTTP = RequestError("not_http", ADVICE)
+_MISSING_HOST = RequestError(
     "not_http", "HTTP/1.1 needs the header Host, once: the name or address that was connected to"
 )
 _TOO_LONG = RequestError(
@@ -43,14 +43,14 @@ class _HeadRefused(Exception):
 
 
 class JsonHttpProtocol(HttpToolsProtocol):
-    """The workshop's clients parse every answer as JSON, and a plain line would end them."""
+    """HTTP with JSON replies: clients of the workshop API parse every reply as JSON, and crash on plain text."""
 
-    _error = _BAD
+    _error = _NOT_HTTP
     _head_bytes = 0
-    _late: asyncio.TimerHandle | None = None
-    """Runs while a head is awaited."""
-    _unread: asyncio.TimerHandle | None = None
-    _lingering: asyncio.TimerHandle | None = None
+    _head_timer: asyncio.TimerHandle | None = None
+    """Runs while a head is incomplete."""
+    _unread_timer: asyncio.TimerHandle | None = None
+    _linger_timer: asyncio.TimerHandle | None = None
     _discarded_bytes = 0
 
     def __init__(
@@ -60,50 +60,50 @@ class JsonHttpProtocol(HttpToolsProtocol):
         self._connections = connections
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin."""
+        """Count the connection as idle."""
         super().connection_made(transport)
-        self._connections.wait(self, transport.abort)
+        self._connections.mark_idle(self, transport.abort)
         self._await_head(begins=True)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End."""
+        """Stop counting the connection."""
         self._connections.remove(self)
         self._await_head(begins=False)
-        self._end_unread()
-        if self._lingering is not None:
-            self._lingering.cancel()
+        self._stop_unread_timer()
+        if self._linger_timer is not None:
+            self._linger_timer.cancel()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Read on; a head that does not end is cut off."""
-        if self._lingering is not None:
+        """Parse data; refuse a head that is too long."""
+        if self._linger_timer is not None:
             self._discard(data)
             return
         super().data_received(data)
-        if self._late is not None and not self.transport.is_closing():
+        if self._head_timer is not None and not self.transport.is_closing():
             self._head_bytes += len(data)
             if self._head_bytes > HEAD_LIMIT_BYTES:
                 self._error = _TOO_LONG
                 self.send_400_response("")
 
     def pause_writing(self) -> None:
-        """Wait for a client that does not take its answer, but not for ever: an event stream would keep its place."""
+        """Wait a bounded time for a client that does not read: an event stream would keep its connection."""
         self.flow.pause_writing()
-        if self._unread is None:
-            self._unread = self.loop.call_later(TAKEN_WITHIN_S, self.transport.abort)
+        if self._unread_timer is None:
+            self._unread_timer = self.loop.call_later(READ_WITHIN_S, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """Go on: the client reads."""
-        self._end_unread()
+        """Continue: the client reads again."""
+        self._stop_unread_timer()
         self.flow.resume_writing()
 
     def on_message_begin(self) -> None:
-        """Take the first byte of a request."""
+        """Start the timer of the head."""
         super().on_message_begin()
         self._await_head(begins=True)
 
     def on_headers_complete(self) -> None:
-        """Hand the request on, unless its head is too long or does not name a host."""
+        """Pass the request on, unless its head is too long or does not name a host."""
         self._await_head(begins=False)
         size, hosts = len(self.url), 0
         for name, value in self.headers:
@@ -113,33 +113,33 @@ class JsonHttpProtocol(HttpToolsProtocol):
             self._error = _TOO_LONG
             raise _HeadRefused
         if hosts > 1 or (not hosts and self.parser.get_http_version() == "1.1"):
-            self._error = _WITHOUT_HOST
+            self._error = _MISSING_HOST
             raise _HeadRefused
-        self._connections.serve(self)
+        self._connections.mark_busy(self)
         super().on_headers_complete()
 
     def on_response_complete(self) -> None:
-        """Go on with the next request, or wait for one."""
+        """Continue with the next request, or wait for one."""
         super().on_response_complete()
         if not self._is_answering and not self.transport.is_closing():
-            self._connections.wait(self, self.transport.abort)
+            self._connections.mark_idle(self, self.transport.abort)
 
     def send_400_response(self, msg: str) -> None:
-        """Answer in JSON where uvicorn would answer with the line `msg`, and hang up.
+        """Reply in JSON instead of the line `msg`, and close the connection.
 
-        What the client still sends is discarded for a bounded time: closing with unread data resets the connection, and a client
-        that sends everything before it reads would never see the answer.
+        Further data is discarded for a bounded time: closing with unread data resets the connection, and a client that sends
+        everything before it reads would never see the reply.
         """
-        said = answer(self._path(), self._error)
-        headers = [*said.raw_headers, (b"connection", b"close")]
+        reply = error_reply(self._path(), self._error)
+        headers = [*reply.raw_headers, (b"connection", b"close")]
         status = f"HTTP/1.1 {self._error.status} {HTTPStatus(self._error.status).phrase}".encode()
         lines = [status, *(name + b": " + value for name, value in headers)]
-        self.transport.write(b"\r\n".join([*lines, b"", bytes(said.body)]))
+        self.transport.write(b"\r\n".join([*lines, b"", bytes(reply.body)]))
         self._await_head(begins=False)
         if self._is_answering:
-            self.transport.close()  # the answer to an earlier request is cut off in any case
+            self.transport.close()  # the reply to an earlier request is cut off in any case
             return
-        self._lingering = self.loop.call_later(LINGER_S, self.transport.close)
+        self._linger_timer = self.loop.call_later(LINGER_S, self.transport.close)
         if self.transport.can_write_eof():
             self.transport.write_eof()
 
@@ -154,17 +154,17 @@ class JsonHttpProtocol(HttpToolsProtocol):
             self.transport.close()
 
     def _path(self) -> str:
-        """Where the answer's form comes from: of what is no HTTP only /api is known with certainty."""
+        """Return the path that decides the format of the reply; only /api is certain if the request cannot be parsed."""
         return "/api" if self.headers and self.url.startswith(b"/api/") else "/open-rmf"
 
     def _await_head(self, *, begins: bool) -> None:
-        """Give a head its time from now on, or end that."""
-        if self._late is not None:
-            self._late.cancel()
+        """Start or stop the timer of the head."""
+        if self._head_timer is not None:
+            self._head_timer.cancel()
         self._head_bytes = 0
-        self._late = self.loop.call_later(HEAD_WITHIN_S, self.transport.close) if begins else None
+        self._head_timer = self.loop.call_later(HEAD_WITHIN_S, self.transport.close) if begins else None
 
-    def _end_unread(self) -> None:
-        if self._unread is not None:
-            self._unread.cancel()
-            self._unread = None
+    def _stop_unread_timer(self) -> None:
+        if self._unread_timer is not None:
+            self._unread_timer.cancel()
+            self._unread_timer = None

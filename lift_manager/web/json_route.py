@@ -1,4 +1,4 @@
-"""Routes whose body is a model: read as strict JSON whatever type it declares, and refused in words that say what is expected."""
+"""Routes whose body is a model: strict JSON whatever its content type, with refusals that state what is expected."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from lift_manager.web.errors import RequestError
 
 
 class JsonRoute(APIRoute):
-    """A route of /api/v1, whose answers are not stored. A body that cannot be read is refused like a wrong value: after all dependencies."""
+    """A route of /api/v1 without caching. A body that cannot be parsed is refused like a wrong value: after all dependencies."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return FastAPI's handler around a stricter request."""
-        handle = super().get_route_handler()
-        form: Any = None if self.body_field is None else self.body_field.field_info.annotation
+        """Return the handler of FastAPI with a stricter request."""
+        handler = super().get_route_handler()
+        model: Any = None if self.body_field is None else self.body_field.field_info.annotation
 
         async def handle_json(request: Request) -> Response:
-            # without a declared type FastAPI takes the body for JSON
+            # without a content type FastAPI assumes JSON
             headers = [header for header in request.scope["headers"] if header[0] != b"content-type"]
             try:
-                response = await handle(_JsonRequest({**request.scope, "headers": headers}, request.receive))
+                response = await handler(_JsonRequest({**request.scope, "headers": headers}, request.receive))
             except RequestValidationError as error:
-                raise _malformed(error, form) from error
+                raise _malformed(error, model) from error
             response.headers.setdefault("cache-control", "no-store")
             return response
 
@@ -38,10 +38,10 @@ class JsonRoute(APIRoute):
 
 
 class _JsonRequest(Request):
-    """FastAPI asks for `json` where `body` is not empty. An error in place of a value fails the validation of any model."""
+    """FastAPI calls `json` if `body` is not empty. An error in place of a value fails the validation of any model."""
 
     _value: dict[str, object] | tuple[RequestError] | None = None
-    """The error in a tuple: of any other object pydantic would read the attributes."""
+    """The error is in a tuple, because pydantic would read the attributes of any other object."""
 
     async def body(self) -> bytes:
         try:
@@ -55,14 +55,14 @@ class _JsonRequest(Request):
         return self._value
 
 
-def _malformed(error: RequestValidationError, form: type[BaseModel] | None) -> RequestError:
-    found: Any = error.errors()[0]
-    place, *names = found["loc"]
-    if place != "body" or form is None:
+def _malformed(error: RequestValidationError, model: type[BaseModel] | None) -> RequestError:
+    error_details: Any = error.errors()[0]
+    location, *names = error_details["loc"]
+    if location != "body" or model is None:
         field = ".".join(map(str, names))
-        return RequestError("malformed", f"{field} {_text(found)}", field=field)
-    field = ".".join(map(str, names)) or str(found.get("ctx", {}).get("field", ""))
-    match found.get("input"):
+        return RequestError("malformed", f"{field} {_validation_text(error_details)}", field=field)
+    field = ".".join(map(str, names)) or str(error_details.get("ctx", {}).get("field", ""))
+    match error_details.get("input"):
         case (RequestError(code="malformed") as unread,):
             text = unread.message
         case (RequestError() as unread,):
@@ -70,60 +70,63 @@ def _malformed(error: RequestValidationError, form: type[BaseModel] | None) -> R
         case None if not field:
             text = "the body is empty"
         case _:
-            text = f"{field} {_text(found)}".lstrip()
-    return RequestError("malformed", f"{text}; expected {expected(form)}", field=field or None)
+            text = f"{field} {_validation_text(error_details)}".lstrip()
+    return RequestError("malformed", f"{text}; expected {expected_text(model)}", field=field or None)
 
 
 @lru_cache(maxsize=64)
-def expected(form: type[BaseModel]) -> str:
-    """Return what a body looks like, in words: `{"floor": text, "hold_door"?: true or false}`."""
-    schema = form.model_json_schema()
+def expected_text(model: type[BaseModel]) -> str:
+    """Return a description of a body: `{"floor": text, "hold_door"?: true or false}`."""
+    schema = model.model_json_schema()
     text = _shape(schema, schema.get("$defs", {}))
     return f"{text} (? may be left out)" if "?" in text else text
 
 
-def _shape(schema: Mapping[str, Any], inner: Mapping[str, Any]) -> str:
-    needed = schema.get("required", ())
-    keys = (f'"{name}"{"" if name in needed else "?"}: {_word(of, inner)}' for name, of in schema["properties"].items())
+def _shape(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
+    required = schema.get("required", ())
+    keys = (
+        f'"{name}"{"" if name in required else "?"}: {_type_name(property_schema, definitions)}'
+        for name, property_schema in schema["properties"].items()
+    )
     return "{" + ", ".join(keys) + "}"
 
 
-def _word(schema: Mapping[str, Any], inner: Mapping[str, Any]) -> str:
+def _type_name(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
     match schema:
         case {"$ref": str(name)}:
-            return _word(inner[name.rpartition("/")[2]], inner)
+            return _type_name(definitions[name.rpartition("/")[2]], definitions)
         case {"anyOf": [one, *_]}:
-            return _word(one, inner)
+            return _type_name(one, definitions)
         case {"enum": values}:
             return "one of " + ", ".join(map(str, values))
         case {"const": True}:
             return "true"
         case {"properties": _}:
-            return _shape(schema, inner)
+            return _shape(schema, definitions)
         case _:
-            return _WORDS[schema["type"]]
+            return _TYPE_NAMES[schema["type"]]
 
 
-_WORDS = {"string": "text", "number": "number", "integer": "number", "boolean": "true or false"}
+_TYPE_NAMES = {"string": "text", "number": "number", "integer": "number", "boolean": "true or false"}
 
 
-def _text(found: Mapping[str, Any]) -> str:
-    """Return what pydantic found wrong, in words that follow the name of the field."""
-    told = found.get("ctx", {})
-    match found["type"]:
+def _validation_text(error_details: Mapping[str, Any]) -> str:
+    """Return an error of pydantic as a text that follows the name of the field."""
+    context = error_details.get("ctx", {})
+    match error_details["type"]:
         case "string_too_long":
-            return f"must not be longer than {told['max_length']} characters"
+            return f"must not be longer than {context['max_length']} characters"
         case "enum" | "literal_error":
-            return f"must be {told['expected']}"
+            return f"must be {context['expected']}"
         case "greater_than_equal":
-            return f"must be at least {told['ge']:g}"
+            return f"must be at least {context['ge']:g}"
         case "less_than_equal":
-            return f"must be at most {told['le']:g}"
+            return f"must be at most {context['le']:g}"
         case kind:
-            return _TEXTS.get(kind, str(found["msg"]))
+            return _VALIDATION_TEXTS.get(kind, str(error_details["msg"]))
 
 
-_TEXTS = {
+_VALIDATION_TEXTS = {
     "missing": "is missing",
     "extra_forbidden": "is not known here",
     "string_too_short": "must not be empty",

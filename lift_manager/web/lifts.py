@@ -1,4 +1,4 @@
-"""Part of /api/v1: the lifts, what they can do, and what each of their signals says. From memory."""
+"""Part of /api/v1: the lifts, their capabilities and their signals. From memory."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from starlette.responses import Response
 from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
 from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.site import Site
-from lift_manager.web.body import shown
+from lift_manager.web.body import quoted
 from lift_manager.web.callers import site_of
 from lift_manager.web.errors import RequestError
 from lift_manager.web.openapi import EVERY_LIFT, LiftName, problems
 
 TAG = "lifts"
 TAG_DESCRIPTION = """
-The lifts, from memory: no controller is asked, so an answer comes at once and says how old it is.
+The lifts, from memory: no controller is contacted, so a reply comes at once and states its age.
 
-**ETag.** Each answer has one; it covers everything but `age_s` and the session's `for_s`; of `releases_in_s` it
-covers the moment of the release, so a renewal changes it and the passing of time does not. Words count as they are, so one whose seconds
-run, as the reason of a lift that is offline may, is another each time. Sent back as `If-None-Match`, it is answered with 304
-and no body while nothing but time has changed. Both answers carry `lift-age-s`: how old the data is in seconds, left out when
-nothing was ever read. A lift that has not been read for `max_age_s` turns `offline`, and that is a change: a 304 for a lift that
-was live means that it still is. A key never shortens this: whoever has heard nothing for `max_age_s` knows nothing.
+**ETag.** Each reply has one. It covers everything except `age_s` and the session's `for_s`; of `releases_in_s` it covers the moment of
+the release, so a renewal changes it and the passing of time does not. It covers texts literally, so a text with running seconds, such as
+the reason of an offline lift, changes it each time. Sent back as `If-None-Match`, it gets 304 without a body while nothing but time has
+changed. Both replies have `lift-age-s`: the age of the data in seconds, omitted if nothing was ever read. A lift that has not been read
+for `max_age_s` turns `offline`, and that is a change: a 304 for a live lift means that it is still live. A client without a reply for
+`max_age_s` must assume nothing about the lift.
 """
 
 _HEADERS = {
@@ -36,29 +36,32 @@ _HEADERS = {
         "description": "Of everything but `age_s` and `for_s`; of the moment that `releases_in_s` counts down to.",
         "schema": {"type": "string"},
     },
-    "Cache-Control": {"description": "`no-cache`: keep it, and ask each time.", "schema": {"type": "string"}},
+    "Cache-Control": {
+        "description": "`no-cache`: may be stored, but must be revalidated.",
+        "schema": {"type": "string"},
+    },
     AGE_HEADER: {
-        "description": "How old the data is, in seconds; left out when nothing was ever read.",
+        "description": "The age of the data in seconds; omitted if nothing was ever read.",
         "schema": {"type": "number"},
     },
 }
 _TAGGED: dict[int | str, dict[str, Any]] = {
     200: {"description": "As it is.", "headers": _HEADERS},
-    304: {"description": "As the caller has it, but for the passing of time.", "headers": _HEADERS},
+    304: {"description": "Unchanged, except for the passing of time.", "headers": _HEADERS},
 }
-_OF_A_LIFT = _TAGGED | problems(*EVERY_LIFT)
+_LIFT_RESPONSES = _TAGGED | problems(*EVERY_LIFT)
 _IF_NONE_MATCH = {
     "parameters": [
         {
             "name": "If-None-Match",
             "in": "header",
             "required": False,
-            "description": "The `ETag` of an earlier answer, several of them, or `*`. Compared weakly.",
+            "description": "The `ETag` of an earlier reply, several of them, or `*`. Compared weakly.",
             "schema": {"type": "string", "examples": ['W/"5f0c7a31b2d94e68a1c3d7f0"']},
         }
     ]
 }
-"""Not typed: a header that is sent in several lines has the tags of all of them."""
+"""Not a typed parameter: a header that is sent in several lines has the tags of all of them."""
 
 router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
 
@@ -72,7 +75,7 @@ async def lifts(request: Request) -> Response:
     states = [site.state(name) for name in site.lift_names()]
     whole = Lifts(lifts=tuple(_lift(request, state) for state in states))
     ages = [state.age_s for state in states if state.quality is Quality.LIVE and state.age_s is not None]
-    bare = Lifts(lifts=tuple(timeless(lift, state) for lift, state in zip(whole.lifts, states, strict=True)))
+    bare = Lifts(lifts=tuple(without_ages(lift, state) for lift, state in zip(whole.lifts, states, strict=True)))
     return tagged(request, whole, bare, max(ages, default=None))
 
 
@@ -80,15 +83,15 @@ async def lifts(request: Request) -> Response:
     "/{lift}/capabilities",
     summary="What a lift can do",
     response_model=LiftCapabilities,
-    responses=_OF_A_LIFT,
+    responses=_LIFT_RESPONSES,
     openapi_extra=_IF_NONE_MATCH,
 )
 async def capabilities(lift: LiftName, request: Request) -> Response:
-    """Which floors, doors, commands and signals it has, and how long the site lets robots have it.
+    """Its floors, doors, commands and signals, and the time limits that the site sets for robots.
 
-    It stays the same while the manager runs.
+    It does not change while the manager runs.
     """
-    site = _site_with(request, lift)
+    site = _site_with_lift(request, lift)
     whole = LiftCapabilities.of(site.config(lift))
     return tagged(request, whole, whole, site.state(lift).age_s)
 
@@ -97,12 +100,12 @@ async def capabilities(lift: LiftName, request: Request) -> Response:
     "/{lift}/signals",
     summary="Every signal of a lift",
     response_model=Signals,
-    responses=_OF_A_LIFT,
+    responses=_LIFT_RESPONSES,
     openapi_extra=_IF_NONE_MATCH,
 )
 async def signals(lift: LiftName, request: Request) -> Response:
-    """As read last, with the raw value and where it is: for people who compare it with the lift. Look at the ages."""
-    found = _site_with(request, lift).signals(lift)
+    """From the latest reading, with raw values and addresses, for people who compare them with the lift. Check the ages."""
+    found = _site_with_lift(request, lift).signals(lift)
     whole = Signals.of(found)
     bare = tuple(signal.model_copy(update={"age_s": None}) for signal in whole.signals)
     return tagged(request, whole, whole.model_copy(update={"age_s": None, "signals": bare}), found.age_s)
@@ -113,36 +116,36 @@ async def signals(lift: LiftName, request: Request) -> Response:
     name="one",
     summary="One lift",
     response_model=Lift,
-    responses=_OF_A_LIFT,
+    responses=_LIFT_RESPONSES,
     openapi_extra=_IF_NONE_MATCH,
 )
 async def one_lift(lift: LiftName, request: Request) -> Response:
     """Where it is, what its doors do, its mode, and who holds it.
 
-    A robot drives on `robot_door: open` alone, and on nothing older than `max_age_s`.
+    A robot drives only on `robot_door: open` that is not older than `max_age_s`.
     """
-    state = _site_with(request, lift).state(lift)
+    state = _site_with_lift(request, lift).state(lift)
     whole = _lift(request, state)
-    return tagged(request, whole, timeless(whole, state), state.age_s)
+    return tagged(request, whole, without_ages(whole, state), state.age_s)
 
 
-def timeless(lift: Lift, state: LiftState) -> Lift:
-    """Return a lift without its ages. The reason stays as it is: the seconds in it may be a limit as well as an age.
+def without_ages(lift: Lift, state: LiftState) -> Lift:
+    """Return a lift without its ages. The reason stays as it is, because seconds in it may be a limit as well as an age.
 
-    Of `releases_in_s` the moment stays, for a renewal moves it.
+    `releases_in_s` becomes the moment of the release, which a renewal moves.
     """
     session = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
     return lift.model_copy(update={"age_s": None, "session": session, "releases_in_s": state.releases_at})
 
 
 def tagged(request: Request, whole: BaseModel, bare: BaseModel, age_s: float | None) -> Response:
-    """Return 200 with `whole`, or 304 to who has it; the tag is that of `bare`, which is `whole` without ages and durations."""
+    """Return 200 with `whole`, or 304 if the client has it; the tag is that of `bare`, which is `whole` without ages and durations."""
     tag = blake2b(bare.model_dump_json().encode(), digest_size=12).hexdigest()
-    # weak: two bodies of one tag differ in their ages. `no-cache`: a cache may keep it, and has to ask each time
+    # weak: two bodies with the same tag differ in their ages. `no-cache`: a cache may store it, but must revalidate
     headers = {"etag": f'W/"{tag}"', "cache-control": "no-cache"}
     if age_s is not None:
         headers[AGE_HEADER] = f"{age_s:.3f}"
-    if is_known(tag, request.headers.getlist("if-none-match")):
+    if matches_tag(tag, request.headers.getlist("if-none-match")):
         return Response(None, 304, headers)
     return Response(whole.model_dump_json(by_alias=True), 200, headers, "application/json")
 
@@ -150,8 +153,8 @@ def tagged(request: Request, whole: BaseModel, bare: BaseModel, age_s: float | N
 _TAG = re.compile(r'"([^"]*)"')
 
 
-def is_known(tag: str, lines: Iterable[str]) -> bool:
-    """Whether If-None-Match names the tag, by the weak comparison of RFC 9110; what is no list of tags names none."""
+def matches_tag(tag: str, lines: Iterable[str]) -> bool:
+    """Whether If-None-Match contains the tag, by the weak comparison of RFC 9110; an invalid header contains none."""
     return any(line.strip() == "*" or tag in _TAG.findall(line) for line in lines)
 
 
@@ -159,9 +162,9 @@ def _lift(request: Request, state: LiftState) -> Lift:
     return Lift.of(state, max_age_s=request.app.state.max_age_s[state.lift])
 
 
-def _site_with(request: Request, lift: str) -> Site:
-    """Return the site, which has this lift. Raises RequestError where it has not: a look is no request that would be counted."""
+def _site_with_lift(request: Request, lift: str) -> Site:
+    """Return the site. Raises RequestError if it does not have the lift; such a read does not count as a refused request."""
     site = site_of(request)
     if lift not in (lifts := site.lift_names()):
-        raise RequestError("unknown_lift", f"no lift {shown(lift)}; the lifts are {', '.join(lifts)}")
+        raise RequestError("unknown_lift", f"no lift {quoted(lift)}; the lifts are {', '.join(lifts)}")
     return site

@@ -1,4 +1,4 @@
-"""What the OpenAPI document says beyond what FastAPI derives from a route: errors by code, keys and roles, examples."""
+"""Extends the OpenAPI document of FastAPI: errors by code, keys and roles, examples."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from lift_manager.api.keys import Keys
 from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.lift.config import LIFT_NAME
 from lift_manager.web import examples
-from lift_manager.web.answers import is_api, is_workshop
 from lift_manager.web.codes import CODES
+from lift_manager.web.replies import is_api, is_workshop
 from lift_manager.web.workshop_docs import ENVELOPE
 
 Document = dict[str, Any]
@@ -24,7 +24,7 @@ LiftName = Annotated[
     str,
     Path(
         description="A lift of the site.",
-        json_schema_extra={"pattern": LIFT_NAME},  # said, not checked: an unknown name is 404
+        json_schema_extra={"pattern": LIFT_NAME},  # documented, not checked: an unknown name is 404
         examples=[examples.LIFT.name],
     ),
 ]
@@ -46,10 +46,10 @@ NOT_FREE = (
     "not_possible",
     "occupancy_unknown",
 )
-"""Why a lift cannot be had."""
+"""Reasons why a lift is not available."""
 LOCATION = {
     "Location": {
-        "description": "Where to ask for it, relative to the address of this request.",
+        "description": "Where to read it, relative to the address of this request.",
         "schema": {"type": "string"},
     }
 }
@@ -71,18 +71,18 @@ def problems(*codes: str) -> dict[int | str, Document]:
 
 
 def errors_of(texts: Mapping[int, str]) -> dict[int | str, Document]:
-    """Return the responses of a route that is refused with these statuses, in words."""
+    """Return the responses of a route that may fail with these statuses, each with a description."""
     content = {MEDIA_TYPE: {"schema": PROBLEM}}
     return {status: {"description": text, "content": content} for status, text in texts.items()}
 
 
 def in_path(description: str, example: str) -> Any:
-    """Return how a path's parameter is documented."""
+    """Return the documentation of a path parameter."""
     return Path(description=description, json_schema_extra={"pattern": "^[^/]+$"}, examples=[example])
 
 
 def in_body(examples: Mapping[str, Document], *, otherwise: Callable[[], Any] | None = None) -> Any:
-    """Return how a body is documented: by examples, each by what it is for. A body that is left out is what `otherwise` returns."""
+    """Return the documentation of a body, with examples by purpose. `otherwise` makes the default for a missing body."""
     named: Any = {name: {"value": value} for name, value in examples.items()}
     return Body(default_factory=otherwise, openapi_examples=named)
 
@@ -93,36 +93,36 @@ _SCHEME = {
     "scheme": "bearer",
     "description": (
         "A key that `lift-manager keys make` has printed. As soon as a site has one, every request needs one. A site without keys"
-        " takes requests from its own computer, and from others only where its site file says so; only by an IP address, as localhost or"
-        " by one of `api: {host_names: [...]}`, for any other name may be made to lead there."
+        " accepts requests from its own computer, and from others only if its site file says so. They must name the manager by an IP address,"
+        " as localhost or by one of `api: {host_names: [...]}`, because anybody could point another name at it."
     ),
 }
 
 _REFUSALS = {
-    400: "This is no HTTP, or the address holds a key, where it does not belong (`key_in_address`).",
+    400: "This is not HTTP, or the address contains a key, where it does not belong (`key_in_address`).",
     403: "The site has no keys, and the request names an unknown host (`another_site`).",
     431: "Address and headers are too long.",
     500: "A bug in the manager.",
 }
 
-_OF_KEYS = {
+_KEY_REFUSALS = {
     401: "A key is needed (`key_needed`), or the one sent is mistyped, revoked or of another site (`bad_key`).",
-    403: "The key has not the role, or does not name the lift (`not_allowed`).",
+    403: "The key does not have the role, or does not name the lift (`not_allowed`).",
 }
-"""Beside these, where a route needs a key."""
+"""Also, on routes that need a key."""
 
-_NEEDS_A_ROBOT: Mapping[str, Document] = {
+_ROBOT_REQUIRED: Mapping[str, Document] = {
     "/api/v1/lifts/{lift}/sessions": {},
     "/api/v1/rides": {"dry_run": {"const": False}},
 }
-"""What an idempotency key begins, and in which bodies: a plan begins nothing."""
+"""Routes on which an idempotency key needs a robot name, and for which bodies: a plan begins nothing."""
 _DETAIL: Document = {
     "type": "object",
     "properties": {"detail": {"type": "string"}},
     "required": ["detail"],
     "example": {"detail": "a key is needed"},
 }
-"""What is answered where no face has a form of its own, as under `/metrics`."""
+"""The reply outside the faces, as under `/metrics`."""
 _EXAMPLES = (
     examples.LIFT,
     examples.LIFTS,
@@ -139,10 +139,10 @@ _EXAMPLES = (
 
 
 def describe_access(app: FastAPI, routes: Sequence[Route], keys: Keys, lifts: Sequence[str] = ()) -> None:
-    """Let the document of an application tell what its routes need; one that is not in `routes` is left out of it.
+    """Add access rules to the OpenAPI document of an application, and remove operations that are not in `routes`.
 
-    While no `keys` are needed, it also says what a body needs then. The first of `lifts` is the example wherever a request names one,
-    so that what /docs suggests can be tried.
+    Without `keys`, it also states which bodies need a robot name. The first of `lifts` is the example wherever a request names a
+    lift, so that the examples of /docs can be tried.
     """
     documents: list[Document] = []
     derived: Callable[[], Document] = app.openapi
@@ -159,23 +159,23 @@ def describe_access(app: FastAPI, routes: Sequence[Route], keys: Keys, lifts: Se
                         del operations[method]
                     else:
                         _describe(path, operations[method], route.need)
-                        _suggest(operations[method], lifts)
+                        _use_real_lift(operations[method], lifts)
                 if not operations:
                     del document["paths"][path]
             documents.extend((_without_keys(document), document))
-        return documents[keys.needed]
+        return documents[keys.are_required]
 
-    app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI's own manual goes
+    app.openapi = openapi  # type: ignore[method-assign]  # the way documented by FastAPI
 
 
 def _without_keys(document: Document) -> Document:
-    """Return the document of a site without keys, where an idempotency key needs a robot: `callers.no_shared_key` refuses it otherwise."""
+    """Return the document of a site without keys, where an idempotency key needs a robot name (`callers.refuse_shared_key`)."""
     document = deepcopy(document)
-    for path, but in _NEEDS_A_ROBOT.items():
+    for path, exception in _ROBOT_REQUIRED.items():
         if (operation := document["paths"].get(path, {}).get("post")) is not None:
             schema = operation["requestBody"]["content"]["application/json"]["schema"]
             given = {"not": {"type": "null"}}
-            schema["if"] = {"required": ["idempotency_key"], "properties": {"idempotency_key": given, **but}}
+            schema["if"] = {"required": ["idempotency_key"], "properties": {"idempotency_key": given, **exception}}
             schema["then"] = {"required": ["robot"], "properties": {"robot": given}}
     return document
 
@@ -186,7 +186,7 @@ def _add_components(document: Document) -> None:
     schemas = components.setdefault("schemas", {})
     problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
     schemas |= problem.pop("$defs") | {"Problem": problem}
-    for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own answer, which is never given
+    for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own error, which is never sent
         schemas.pop(name, None)
     for example in _EXAMPLES:  # here because FastAPI drops each null of an example
         schema = schemas.get(type(example).__name__, {})
@@ -194,16 +194,16 @@ def _add_components(document: Document) -> None:
 
 
 def _describe(path: str, operation: Document, need: AccessLevel) -> None:
-    # {}: a site without keys asks for none
+    # {}: a site without keys needs none
     operation["security"] = [] if need is AccessLevel.NOTHING else [{SCHEME: []}, {}]
-    operation["description"] = f"{operation.get('description', '').rstrip()}\n\n{_who(need)}\n"
+    operation["description"] = f"{operation.get('description', '').rstrip()}\n\n{_roles_text(need)}\n"
     content = {MEDIA_TYPE: {"schema": PROBLEM}}
     if not is_api(path):
         content = {"application/json": {"schema": ENVELOPE if is_workshop(path) else _DETAIL}}
     responses: Document = operation["responses"]
     if "HTTPValidationError" in str(responses.get("422")):
         del responses["422"]
-    refusals = [*_REFUSALS.items()] if need is AccessLevel.NOTHING else [*_OF_KEYS.items(), *_REFUSALS.items()]
+    refusals = [*_REFUSALS.items()] if need is AccessLevel.NOTHING else [*_KEY_REFUSALS.items(), *_REFUSALS.items()]
     for status, text in refusals:
         response = responses.setdefault(str(status), {"description": "", "content": content})
         response["description"] = f"{response['description']} {text}".strip()
@@ -212,8 +212,8 @@ def _describe(path: str, operation: Document, need: AccessLevel) -> None:
     operation["responses"] = dict(sorted(responses.items()))
 
 
-def _suggest(operation: Document, lifts: Sequence[str]) -> None:
-    """Let the examples of a request name a lift that there is."""
+def _use_real_lift(operation: Document, lifts: Sequence[str]) -> None:
+    """Use an existing lift in the examples of a request."""
     for parameter in operation.get("parameters", ()):
         if suggested := parameter["schema"].pop("examples", None):
             is_lift = lifts and (parameter["name"], parameter["in"]) == ("lift", "path")
@@ -224,7 +224,7 @@ def _suggest(operation: Document, lifts: Sequence[str]) -> None:
             example["value"] = {**example["value"], "lift": lifts[0]}
 
 
-def _who(need: AccessLevel) -> str:
+def _roles_text(need: AccessLevel) -> str:
     if need is AccessLevel.NOTHING:
         return "Needs no key."
     roles = ", ".join(role for role in Role if role in ROLES[need])
@@ -232,4 +232,4 @@ def _who(need: AccessLevel) -> str:
         AccessLevel.COMMAND: " (a robot: for the lifts that its key names)",
         AccessLevel.RMF: " (for the lifts that its key names)",
     }.get(need, "")
-    return f"Where keys are used, the roles that may: {roles}{limit}."
+    return f"With keys, allowed roles: {roles}{limit}."

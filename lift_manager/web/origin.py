@@ -1,4 +1,4 @@
-"""Who sent a request, as far as it tells."""
+"""Where a request comes from, according to its headers and addresses."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _FORWARDED = frozenset(
 )
 
 
-def from_another_site(request: Request) -> bool:
-    """Whether a browser says that some other site's page sent this.
+def is_from_another_site(request: Request) -> bool:
+    """Whether a browser indicates that a page of another site sent this request.
 
-    Any content type is taken here, so a browser would pass on a form from any page in the world without asking first.
-    Programs send neither header.
+    The manager accepts any content type, so a browser would send a form from any page without a preflight request. Programs send
+    neither header.
     """
     site = request.headers.get("sec-fetch-site")
     if site is not None:
@@ -26,16 +26,16 @@ def from_another_site(request: Request) -> bool:
     return origin is not None and origin.partition("://")[2] != request.headers.get("host")
 
 
-def by_a_foreign_name(request: Request, names: Collection[str]) -> bool:
+def names_unknown_host(request: Request, names: Collection[str]) -> bool:
     """Whether a request names a host that is neither an address, nor localhost, nor one of these names (in lower case).
 
-    A page whose name was made to lead here after it was loaded is of the same site as what it requests, as far as its browser can tell,
-    and with a GET over plain HTTP that browser sends neither Origin nor Sec-Fetch. It cannot make an address its name, nor
-    localhost. No browser leaves the header out.
+    This stops DNS rebinding: to its browser, a page whose name was redirected here after loading is of the same site as what it requests,
+    and a GET over plain HTTP has neither Origin nor Sec-Fetch. Such a page cannot use an address or localhost as its name. No
+    browser omits the header Host.
     """
     if "host" not in request.headers:
         return False
-    host = _asked_for(request)
+    host = _requested_host(request)
     try:
         ip_address(host)
     except ValueError:
@@ -43,24 +43,23 @@ def by_a_foreign_name(request: Request, names: Collection[str]) -> bool:
     return False
 
 
-def from_this_computer(request: Request) -> bool:
-    """Whether a program of this computer asked this computer by its own name, or by the address that it listens on.
+def is_from_this_computer(request: Request) -> bool:
+    """Whether a program on this computer sent this, to localhost or to the address that the manager listens on.
 
-    What a proxy passed on may come from anywhere, and a page whose name was made to lead here after it was loaded
-    still asks for that name. A proxy that leaves no trace cannot be told; one that speaks HTTP/1.0, as nginx does unless it
-    is told otherwise, can.
+    A request through a proxy may come from anywhere, and a page that uses DNS rebinding still sends its own name. A proxy that
+    leaves no trace cannot be detected; one that speaks HTTP/1.0, the default of nginx, can.
     """
     client = request.client
     if client is None or request.scope.get("http_version") == "1.0":
         return False
     if any(name in _FORWARDED or name.startswith("x-forwarded-") for name in request.headers):
         return False
-    # only this computer can call one of its addresses from that same address
+    # only this computer can connect to one of its addresses from the same address
     here, _ = request.scope.get("server") or ("", None)
-    return all(is_loopback(name) or name == here for name in (client.host, _asked_for(request)))
+    return all(is_loopback(name) or name == here for name in (client.host, _requested_host(request)))
 
 
-def _asked_for(request: Request) -> str:
+def _requested_host(request: Request) -> str:
     try:
         asked_for = urlsplit(f"//{request.headers.get('host', '')}")
         return (asked_for.hostname or "") if asked_for.port is None or asked_for.port else ""
@@ -69,7 +68,7 @@ def _asked_for(request: Request) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address or name is this computer's own."""
+    """Whether an address or name is that of this computer."""
     if host == "localhost":
         return True
     try:
@@ -79,6 +78,6 @@ def is_loopback(host: str) -> bool:
 
 
 def unmapped(address: str) -> IPv4Address | IPv6Address:
-    """Return an address, that of IPv4 where it is written as one of IPv6. Raises ValueError."""
+    """Parse an address, and convert an IPv4-mapped IPv6 address to IPv4. Raises ValueError."""
     found = ip_address(address)
     return (found.ipv4_mapped if isinstance(found, IPv6Address) else None) or found

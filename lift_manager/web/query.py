@@ -1,4 +1,4 @@
-"""The query of an address, as Starlette reads it. There is one way to read it: two would be a way past a check."""
+"""Reads the query of a request as Starlette does. All checks use the same parser, so that none can be bypassed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TOO_LONG = f"the query is longer than {LIMIT_BYTES} bytes"
 
 
 def named_lifts(scope: Scope) -> list[str]:
-    """Return each `lift_name` of a query. Nothing of one that is too long may be acted on: this is of its beginning."""
+    """Return each `lift_name` of a query. Do not act on a query that is too long: this reads only its beginning."""
     return QueryParams(scope["query_string"][:LIMIT_BYTES]).getlist("lift_name")
 
 

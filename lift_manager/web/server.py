@@ -1,4 +1,4 @@
-"""Put the web application on a port, and take it off again quickly."""
+"""Serves the web application on a port, and shuts down quickly."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from lift_manager.web.tls import ServerCertificates
 
 BACKLOG = 2048
 KEEP_ALIVE_S = 60
-"""Chosen: above the period of any poller, so that no connection is closed under a request that is on its way."""
+"""Chosen: longer than the period of any poller, so that no connection is closed while a request is on its way."""
 FINISH_WITHIN_S = 0.3
-"""Chosen: an answer takes milliseconds; what takes longer is a stream or half a request."""
+"""Chosen: a reply takes milliseconds; only a stream or an incomplete request takes longer."""
 CANCEL_AFTER_S = 0.4
-"""With FINISH_WITHIN_S and uvicorn's own 0.1 s this stays under 1 s, of the 5 s in which the manager must be out."""
+"""With FINISH_WITHIN_S and uvicorn's own 0.1 s this stays below 1 s, of the 5 s in which the manager must exit."""
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that already listens, so that a busy port is known before anything else is started.
+    """Return a listening socket, so that a busy port is found before anything else starts.
 
-    Port 0 takes any free one. Raises ListenError with a sentence for the person at the command line.
+    Port 0 means any free one. Raises ListenError with a message for the command line.
     """
     if not 0 <= port <= 65535:
         raise ListenError(f"port {port} does not exist; choose one from 1 to 65535 with --port")
@@ -44,21 +44,21 @@ def listen(host: str, port: int) -> socket.socket:
         sock.listen(BACKLOG)
     except OSError as error:
         sock.close()
-        raise ListenError(_advice(error, host, port)) from error
+        raise ListenError(_listen_error_text(error, host, port)) from error
     sock.setblocking(False)
     return sock
 
 
 def resolved(host: str, port: int) -> tuple[socket.AddressFamily, tuple[object, ...]]:
-    """Return where a host is, as this computer knows it. Raises ListenError."""
+    """Resolve a host name or address. Raises ListenError."""
     bare = host.removeprefix("[").removesuffix("]")
     if not bare:
-        raise ListenError(f"the host is empty; {HOSTS}")  # to the system that means everybody
+        raise ListenError(f"the host is empty; {HOSTS}")  # to the system that means all addresses
     try:
         found = socket.getaddrinfo(bare, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, ValueError) as error:  # ValueError: a name that cannot be one, such as `a..b`
         raise ListenError(f"host {host!r} is not known here; {HOSTS}") from error
-    # `localhost` is both, and clients that are told 127.0.0.1 are the more common
+    # `localhost` is both, and clients that use 127.0.0.1 are more common
     family, _, _, _, address = min(found, key=lambda entry: entry[0] != socket.AF_INET)
     return family, address
 
@@ -66,7 +66,7 @@ def resolved(host: str, port: int) -> tuple[socket.AddressFamily, tuple[object, 
 HOSTS = "with --host choose 127.0.0.1 (this computer only), 0.0.0.0 (everybody), or one of this computer's addresses"
 
 
-def _advice(error: OSError, host: str, port: int) -> str:
+def _listen_error_text(error: OSError, host: str, port: int) -> str:
     match error.errno:
         case errno.EADDRINUSE:
             return f"port {port} on {host} is in use by another program; stop that one, or choose another with --port"
@@ -86,17 +86,16 @@ async def serve(
     handshake_s: float = HANDSHAKE_WITHIN_S,
     limits: ConnectionLimits | None = None,
 ) -> None:
-    """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed; HTTPS alone with `tls`.
+    """Serve on `sock` until cancelled, then return within a second with `sock` closed; with `tls`, HTTPS only.
 
-    Without `limits` there may be as many connections as this computer has descriptors for.
-    Signals are left to the caller. A task that is cancelled before it ever ran closes nothing: put the socket into a
-    `with` around it.
+    Without `limits`, the number of connections follows from the descriptors of this process. Signals are left to the caller. A task
+    that is cancelled before it ran does not close the socket: put it into a `with` statement.
     """
     config = uvicorn.Config(
         app,
         http=JsonHttpProtocol,
         log_config=None,
-        log_level="error",  # it warns of every line that is no HTTP, and so lets anybody fill the log
+        log_level="error",  # its warnings for every line that is not HTTP would let anybody fill the log
         access_log=False,
         server_header=False,
         proxy_headers=False,
@@ -119,7 +118,7 @@ async def serve(
 
 
 class _Server(uvicorn.Server):
-    """uvicorn's server as a part of a program, not as its owner, and with our own way of taking connections."""
+    """uvicorn's server embedded in a program, with an acceptor of its own."""
 
     def __init__(
         self, config: uvicorn.Config, tls: NextContext | None, handshake_s: float, connections: Connections
@@ -129,11 +128,11 @@ class _Server(uvicorn.Server):
         self._tls = tls
         self._handshake_s = handshake_s
         self._connections = connections
-        self._ending = ShutdownSignal()
+        self._shutdown_signal = ShutdownSignal()
         self._acceptors: list[Acceptor] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Take connections."""
+        """Accept connections."""
         self._acceptors += [
             Acceptor(sock, self._protocol, self._connections, self._tls, handshake_s=self._handshake_s)
             for sock in sockets or ()
@@ -141,7 +140,7 @@ class _Server(uvicorn.Server):
         self.started = True
 
     def _protocol(self) -> JsonHttpProtocol:
-        return JsonHttpProtocol(self.config, self.server_state, {KEY: self._ending}, self._connections)
+        return JsonHttpProtocol(self.config, self.server_state, {KEY: self._shutdown_signal}, self._connections)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
@@ -149,21 +148,21 @@ class _Server(uvicorn.Server):
         yield
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Hang up on whoever does not finish soon.
+        """Shut down, and drop connections that do not finish soon.
 
-        uvicorn would wait for an event stream until its time-out and then log the stream's cancellation as an error;
-        told of the end, or that the client is gone, a stream ends by itself.
+        uvicorn would wait for an event stream until its time-out and then log its cancellation as an error; after the shutdown
+        signal, or the loss of its client, a stream ends by itself.
         """
         for acceptor in self._acceptors:
             acceptor.close()
         self._connections.close()
-        self._ending.tell()
+        self._shutdown_signal.send()
         for connection in list(self.server_state.connections):
             connection.shutdown()
         await self._until_idle()
         for connection in list(self.server_state.connections):
             transport = connection.transport
-            # closing would wait for a reader who does not read, and over TLS for a goodbye, which `connection.shutdown` has said
+            # close() would wait for a client that does not read, and over TLS for its close_notify, which was sent by `connection.shutdown`
             if self._tls is not None or transport.get_write_buffer_size():
                 transport.abort()
             else:

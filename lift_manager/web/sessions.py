@@ -1,4 +1,4 @@
-"""Part of /api/v1: sessions, and what is asked within them."""
+"""Part of /api/v1: sessions and their commands."""
 
 from __future__ import annotations
 
@@ -22,17 +22,16 @@ from lift_manager.lift.commands import CommandStatus, SessionInfo
 from lift_manager.lift.refusals import Refusal
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.site import Site
-from lift_manager.web.access import turned_away
-from lift_manager.web.answers import marked, naming_field
+from lift_manager.web.access import face_refusal
 from lift_manager.web.callers import (
     SESSION_FACE,
     ServedSite,
+    belongs_to_caller,
+    forbid_foreign_page,
+    holder_named,
     holder_of,
-    is_of,
-    named,
-    no_foreign_page,
-    refuse_heir,
     refuse_shared_key,
+    require_successor_key,
     site_of,
 )
 from lift_manager.web.errors import RequestError
@@ -49,49 +48,48 @@ from lift_manager.web.openapi import (
     problems,
 )
 from lift_manager.web.query import require_once
+from lift_manager.web.replies import naming_field, with_recorded
 
 TAG = "sessions"
 TAG_DESCRIPTION = """
-One caller has a lift for itself, and says step by step what it does. Whoever wants a robot brought from floor to floor takes a ride
-instead: it does all of this.
+A session gives one caller exclusive use of a lift, step by step. To move a robot from one floor to another, use a ride, which does all
+of this.
 
-- The **id** of a session is its secret: it is told to whoever opened it, and works with the same key alone. For everybody else there
-  is no such session.
-- The **lease** (`ttl_s`) begins anew with `renew` and with every request. When it ends, everything is let go and the car stays where
+- The **id** of a session is a secret: only the caller that opened it gets it, and it works only with the same key. For everybody else
+  there is no such session.
+- The **lease** (`ttl_s`) restarts with `renew` and with every request. When it ends, everything is released and the car stays where
   it is. However often it is renewed, a session ends after the site's `max_session_s`.
-- **Taken is not done.** A command is answered with 202 and ends `confirmed`, `rejected` or `unconfirmed`; ask for it, or wait with
-  `?wait=`. `go_to` is confirmed when the lift has the call: the arrival is to be seen in the lift itself.
-- After a **restart** of the manager a session goes on once its holder is heard; `restored` tells.
-- In a name made of key and robot, `amr-fleet/amr-7`, the key comes first. Without keys the robot's name is all there is, and
-  whoever knows the id of a session commands.
+- **Accepted is not done.** A command gets 202 and ends `confirmed`, `rejected` or `unconfirmed`; poll it, or wait with `?wait=`.
+  `go_to` is confirmed when the lift has the call: the arrival shows in the state of the lift.
+- After a **restart** of the manager a session continues with the first request of its holder; until then `restored` is set.
+- In a name made of key and robot, `amr-fleet/amr-7`, the key comes first. Without keys there is only the name of the robot, and
+  any caller that knows the id of a session commands it.
 """
 
-LONGEST_WAIT_S = 30.0
-"""Chosen: common proxies and clients give up on an answer after 60 s."""
+MAX_WAIT_S = 30.0
+"""Chosen: common proxies and clients give up on a reply after 60 s."""
 
-_NO_SESSION = (
-    "this lift has no session of that id, and remembers none that this caller opened; open one with POST .../sessions"
-)
-"""One text for an id that does not exist and for another caller's, so that nobody learns which it is."""
+_NO_SESSION = "this lift has no session of that id that this caller opened, or it ended too long ago; open one with POST .../sessions"
+"""The same text for an unknown id and for the session of another caller, so that it does not reveal which."""
 _BUSY = ("not_recorded", "stopping")
-_OF_A_SESSION = (*EVERY_LIFT, "no_such_session")
-_CHANGE = (*_OF_A_SESSION, *EVERY_CHANGE, *EVERY_BODY)
+_SESSION_CODES = (*EVERY_LIFT, "no_such_session")
+_CHANGE_CODES = (*_SESSION_CODES, *EVERY_CHANGE, *EVERY_BODY)
 
 
 async def _own_session(
     lift: LiftName,
-    session: Annotated[str, in_path("The id that the answer to `POST .../sessions` told.", "s-4f1d2c")],
+    session: Annotated[str, in_path("The id from the reply to `POST .../sessions`.", "s-4f1d2c")],
     request: Request,
 ) -> AsyncIterator[SessionInfo]:
-    """Yield the session of the path, if it is the caller's: its id, and the key that opened it, are what tells."""
+    """Yield the session in the path, if the caller knows its id and has the key that opened it."""
     site = site_of(request)
     try:
         found = site.session(lift, session, None)
-        if found.holder.face == SESSION_FACE and is_of(request, found.holder):
+        if found.holder.face == SESSION_FACE and belongs_to_caller(request, found.holder):
             yield found
             return
-        site.turned_away(turned_away(request, Refusal.NO_SUCH_SESSION, "the session is another caller's", lift))
-    except NotFound as refused:  # of the route as well: it may be forgotten while the body is read
+        site.turned_away(face_refusal(request, Refusal.NO_SUCH_SESSION, "the session is another caller's", lift))
+    except NotFound as refused:  # also raised by the route: the session may be forgotten while the body is read
         if refused.code is not Refusal.NO_SUCH_SESSION:
             raise
     raise RequestError(Refusal.NO_SUCH_SESSION, _NO_SESSION)
@@ -106,8 +104,8 @@ async def _wait_s(
         float,
         Query(
             ge=0,
-            le=LONGEST_WAIT_S,
-            description="Seconds to wait for the end: answered as soon as it is no longer pending, or as it is then.",
+            le=MAX_WAIT_S,
+            description="Seconds to wait for the outcome: the reply comes once the command is no longer pending, or after this time.",
             examples=[5],
         ),
     ] = 0,
@@ -124,18 +122,18 @@ router = APIRouter(
     route_class=JsonRoute,
     strict_content_type=False,
 )
-_changes = [Depends(no_foreign_page)]
+_changes = [Depends(forbid_foreign_page)]
 
 
 @router.get(
     "/{session}/commands/{command}",
-    summary="What became of it",
+    summary="The outcome of a command",
     response_description="As it is.",
-    responses=problems(*_OF_A_SESSION, "no_such_command", "malformed"),
+    responses=problems(*_SESSION_CODES, "no_such_command", "malformed"),
 )
 async def followed(
     session: OwnSession,
-    command: Annotated[str, in_path("The id that the answer to `POST .../commands` told.", "7")],
+    command: Annotated[str, in_path("The id from the reply to `POST .../commands`.", "7")],
     site: ServedSite,
     wait_s: WaitSeconds,
 ) -> Command:
@@ -143,22 +141,22 @@ async def followed(
     return Command.of(await _status(site, session, command, wait_s))
 
 
-@router.get("/{session}", summary="A session", response_description="As it is.", responses=problems(*_OF_A_SESSION))
+@router.get("/{session}", summary="A session", response_description="As it is.", responses=problems(*_SESSION_CODES))
 async def read(session: OwnSession) -> Session:
-    """Also one that was over not long ago: `over` says why. Reading renews nothing."""
+    """Also one that ended recently: `over` says why. Reading does not renew the lease."""
     return Session.model_validate(session)
 
 
 @router.post(
     "",
     name="open",
-    summary="Take a lift",
+    summary="Open a session",
     dependencies=_changes,
     status_code=201,
-    response_description="It is the caller's.",
+    response_description="The caller holds the lift.",
     responses={
         201: {"headers": LOCATION},
-        200: {"model": Session, "description": "It was already, by this idempotency key."},
+        200: {"model": Session, "description": "The session that this idempotency key opened before."},
         **problems(
             *(*EVERY_LIFT, *EVERY_CHANGE, *EVERY_BODY, *NOT_FREE, "not_now", "key_reused", "too_often", *_BUSY),
         ),
@@ -174,17 +172,17 @@ async def open_session(
         in_body(
             {
                 "a minute at a time": {"robot": "amr-7", "ttl_s": 60},
-                "as long as the site gives": {},
+                "as long as the site allows": {},
                 "with an idempotency key, a new one for each session": {"robot": "amr-7", "idempotency_key": "3f1c9a"},
             },
             otherwise=OpenSessionRequest,
         ),
     ],
 ) -> Session:
-    """Nothing is called by it. The body may be left out.
+    """Does not call the lift. The body is optional.
 
-    With an `idempotency_key` that was used before, the answer is that session, and 200; with another `ttl_s` than then it is refused.
-    Without keys of the site it needs a `robot`.
+    A repeated `idempotency_key` returns its session with 200, and is refused with a different `ttl_s`. On a site without keys it needs a
+    `robot`.
     """
     refuse_shared_key(request, body.robot, body.idempotency_key)
     holder = holder_of(request, SESSION_FACE, body.robot)
@@ -198,39 +196,37 @@ async def open_session(
 
 @router.post(
     "/{session}/renew",
-    summary="Keep the lift",
+    summary="Renew the lease",
     dependencies=_changes,
-    response_description="It goes on.",
-    responses=problems(*_CHANGE, *NOT_FREE, "session_over", "not_now", "too_often", *_BUSY),
+    response_description="The lease is renewed.",
+    responses=problems(*_CHANGE_CODES, *NOT_FREE, "session_over", "not_now", "too_often", *_BUSY),
 )
 async def renew(
     session: OwnSession,
     site: ServedSite,
-    body: Annotated[
-        RenewRequest, in_body({"a minute more": {"ttl_s": 60}, "as long as it was": {}}, otherwise=RenewRequest)
-    ],
+    body: Annotated[RenewRequest, in_body({"another minute": {"ttl_s": 60}, "as before": {}}, otherwise=RenewRequest)],
 ) -> Session:
-    """The lease begins anew, as long as it was, or as long as `ttl_s` says. A session from before a restart goes on with it."""
+    """Restarts the lease, with its previous duration or with `ttl_s`. A session from before a restart continues with it."""
     return await _recorded(site, site.renew_session(session.lift, session.id, session.holder, body.ttl_s))
 
 
 @router.post(
     "/{session}/close",
-    summary="Give the lift back",
+    summary="Close a session",
     dependencies=_changes,
     response_description="It is over.",
-    responses=problems(*_CHANGE, "not_now", "not_possible", "session_over", *_BUSY),
+    responses=problems(*_CHANGE_CODES, "not_now", "not_possible", "session_over", *_BUSY),
 )
 async def close(
     session: OwnSession,
     site: ServedSite,
     body: Annotated[
-        CloseRequest, in_body({"the robot is out": {"robot": "left"}, "no word": {}}, otherwise=CloseRequest)
+        CloseRequest, in_body({"the robot is out": {"robot": "left"}, "without a report": {}}, otherwise=CloseRequest)
     ],
 ) -> Session:
-    """Everything is let go, and the car is not moved. One that is over is answered as it is.
+    """Releases everything and does not move the car. A session that is over is returned as it is.
 
-    `robot: left` says that the robot is out; without it, a car that the robot may have entered stays `maybe occupied`.
+    `robot: left` reports that the robot is out; without it, a car that the robot may have entered stays `maybe occupied`.
     """
     return await _recorded(site, site.close_session(session.lift, session.id, session.holder, body.robot))
 
@@ -239,8 +235,8 @@ async def close(
     "/{session}/hand-over",
     summary="Give the session to another caller",
     dependencies=_changes,
-    response_description="It is the other's.",
-    responses=problems(*_CHANGE, *NOT_FREE, "not_held", "session_over", "not_now", *_BUSY),
+    response_description="The other caller holds the lift.",
+    responses=problems(*_CHANGE_CODES, *NOT_FREE, "not_held", "session_over", "not_now", *_BUSY),
 )
 async def hand_over(
     session: OwnSession,
@@ -250,24 +246,24 @@ async def hand_over(
 ) -> Session:
     """Car and door stay as they are.
 
-    The session gets a new id: pass it on to the one who goes on with it, whose key it needs. With keys, `to` is the name of a live key
-    that may command this lift. If nobody renews the session, its lease ends.
+    The session gets a new id: pass it on to the new holder, whose key it needs. With keys, `to` is the name of a live key that may
+    command this lift. If nobody renews the session, its lease ends.
     """
-    refuse_heir(request, request.app.state.keys, body.to, session.lift)
-    to = named(SESSION_FACE, body.to, body.robot)
+    require_successor_key(request, request.app.state.keys, body.to, session.lift)
+    to = holder_named(SESSION_FACE, body.to, body.robot)
     return await _recorded(site, site.hand_session_over(session.lift, session.id, session.holder, to))
 
 
 @router.post(
     "/{session}/commands",
-    summary="Ask for one thing",
+    summary="Send a command",
     dependencies=_changes,
     status_code=202,
-    response_description="It is taken; `status` says how far it is.",
+    response_description="It is accepted; `status` shows its progress.",
     responses={
         202: {"headers": LOCATION},
         **problems(
-            *(*_CHANGE, *NOT_FREE, "unknown_floor", "no_such_command", "session_over", "not_now", "key_reused"),
+            *(*_CHANGE_CODES, *NOT_FREE, "unknown_floor", "no_such_command", "session_over", "not_now", "key_reused"),
             *("too_often", *_BUSY),
         ),
     },
@@ -288,12 +284,11 @@ async def command(
     ],
     wait_s: WaitSeconds,
 ) -> Command:
-    """`go_to` a floor, `hold_door`, `let_go_door`, `close_door`, or the words `robot_in_place` and `robot_left`.
+    """`go_to` a floor, `hold_door`, `let_go_door`, `close_door`, or the reports `robot_in_place` and `robot_left`.
 
-    Every request renews the lease. With an `idempotency_key` that was used before in this session, the answer is that command as it is;
-    for another command the key is refused.
+    Every command renews the lease. A repeated `idempotency_key` of this session returns its command, and is refused for a different one.
     """
-    given = commands.CommandRequest(
+    request_given = commands.CommandRequest(
         session=session.id,
         holder=session.holder,
         kind=body.do,
@@ -303,10 +298,10 @@ async def command(
         key=body.idempotency_key or "",
     )
     with naming_field({Refusal.UNKNOWN_FLOOR: "floor"}):
-        taken = site.command(session.lift, given)
+        accepted = site.command(session.lift, request_given)
     is_recorded = await site.recorded(session.lift)
-    response.headers["location"] = f"commands/{quote(taken.id, safe='')}"
-    return marked(Command.of(await _status(site, session, taken.id, wait_s)), recorded=is_recorded)
+    response.headers["location"] = f"commands/{quote(accepted.id, safe='')}"
+    return with_recorded(Command.of(await _status(site, session, accepted.id, wait_s)), recorded=is_recorded)
 
 
 async def _status(site: Site, session: SessionInfo, command: str, wait_s: float) -> CommandStatus:
@@ -316,4 +311,4 @@ async def _status(site: Site, session: SessionInfo, command: str, wait_s: float)
 
 
 async def _recorded(site: Site, session: SessionInfo) -> Session:
-    return marked(Session.model_validate(session), recorded=await site.recorded(session.lift))
+    return with_recorded(Session.model_validate(session), recorded=await site.recorded(session.lift))

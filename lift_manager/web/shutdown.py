@@ -1,4 +1,4 @@
-"""How a server tells answers that have no end of their own that it ends."""
+"""Ends endless replies when the server shuts down."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from contextlib import contextmanager
 from starlette.types import Scope
 
 KEY = "lift_manager.ending"
-"""In the state that a server gives to each request."""
+"""Key in the state that the server passes with each request."""
 
 
 class ShutdownSignal:
-    """Who wants to know that a server ends."""
+    """Callbacks for the shutdown of a server."""
 
     def __init__(self) -> None:
-        self._hear: dict[object, Callable[[], None]] = {}
+        self._callbacks: dict[object, Callable[[], None]] = {}
 
-    def tell(self) -> None:
-        """Let everybody know."""
-        for hear in list(self._hear.values()):
-            hear()
+    def send(self) -> None:
+        """Call every callback."""
+        for callback in list(self._callbacks.values()):
+            callback()
 
     @contextmanager
-    def heard(self, hear: Callable[[], None]) -> Iterator[None]:
-        """Call `hear` if the server ends within the context."""
+    def on_shutdown(self, callback: Callable[[], None]) -> Iterator[None]:
+        """Call `callback` if the server shuts down within the context."""
         key = object()
-        self._hear[key] = hear
+        self._callbacks[key] = callback
         try:
             yield
         finally:
-            del self._hear[key]
+            del self._callbacks[key]
 
 
 def shutdown_signal(scope: Scope) -> ShutdownSignal:
-    """Return the ending of the server that a request came to; one that never comes where the server has none."""
+    """Return the shutdown signal of the server of a request; one that never fires if the server has none."""
     found = scope.get("state", {}).get(KEY)
     return found if isinstance(found, ShutdownSignal) else ShutdownSignal()

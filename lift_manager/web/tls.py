@@ -1,4 +1,4 @@
-"""HTTPS: the certificate that is shown, whose clients are heard, and the files' renewal while the manager runs."""
+"""HTTPS: the server certificate, client certificates, and renewal of the files while the manager runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lift_manager.web.errors import ListenError
 
 _log = logging.getLogger(__name__)
 
-_Stamp = tuple[tuple[int, int, int], ...]
+_FileStamp = tuple[tuple[int, int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,57 +21,57 @@ class ServerTls:
     certificate: Path
     key: Path
     client_ca: Path | None = None
-    """Then every client must show a certificate of this CA."""
+    """If set, every client must present a certificate of this CA."""
 
 
 class ServerCertificates:
-    """What is shown to clients and asked of them: what the files said when they were last looked at."""
+    """The TLS settings for new connections, as of the last check of the files."""
 
     def __init__(self, files: ServerTls) -> None:
         """Read the files. Raises ListenError."""
         self._files = files
-        self._stamp = _stamp(files)
+        self._read_stamp = _file_stamp(files)
         try:
-            self._latest = _read(files)
+            self._latest = _load_context(files)
         except (OSError, ValueError) as error:
             raise ListenError(f"api.tls: {files.certificate} cannot be used with {files.key} ({error})") from error
 
     def next_context(self) -> ssl.SSLContext:
-        """Return the TLS of the next connection, of version 1.2 or later. Touches no file.
+        """Return the TLS context of the next connection, version 1.2 or later. Does not access files.
 
-        Where clients have to show certificates, no session is ever resumed: that asks for no certificate, and would let in a client
-        whose CA has gone from the file, or whose certificate has expired.
+        With client certificates, TLS sessions are never resumed: resumption does not check the certificate, and would admit a
+        client whose CA was removed from the file, or whose certificate has expired.
         """
         if self._files.client_ca is None:
             return self._latest
-        # What TLS remembers of sessions belongs to the context with which a connection began: here that ends with it.
-        # Python cannot switch the memory of TLS 1.2 off.
-        own = _empty(verify=True)
-        own.options |= ssl.OP_NO_TICKET
-        own.num_tickets = 0
-        own.sni_callback = self._show
-        return own
+        # The TLS session cache belongs to the context of a connection, so a context per connection disables it.
+        # Python cannot switch off the cache of TLS 1.2.
+        context = _new_context(verify=True)
+        context.options |= ssl.OP_NO_TICKET
+        context.num_tickets = 0
+        context.sni_callback = self._use_latest
+        return context
 
     def renew(self) -> None:
-        """Look at the files, and take what changed for the next connection. It may block as long as their disk does."""
-        stamp = _stamp(self._files)
-        if stamp == self._stamp:
+        """Reload the files if they have changed, for the next connection. Blocks as long as the disk does."""
+        stamp = _file_stamp(self._files)
+        if stamp == self._read_stamp:
             return
         try:
-            self._latest = _read(self._files)
+            self._latest = _load_context(self._files)
         except (OSError, ValueError) as error:
-            message = "api: the renewed certificate %s cannot be used yet, the last one is shown on: %s"
+            message = "api: the renewed certificate %s cannot be used yet, the previous one stays in use: %s"
             _log.warning(message, self._files.certificate, error)
         else:
-            _log.info("api: certificate %s was renewed, and is shown from here on", self._files.certificate)
-        self._stamp = stamp
+            _log.info("api: certificate %s was renewed, and is used from now on", self._files.certificate)
+        self._read_stamp = stamp
 
-    def _show(self, connection: ssl.SSLObject, name: str | None, own: ssl.SSLContext) -> None:
-        """Called for every client, whether it says a name or not."""
+    def _use_latest(self, connection: ssl.SSLObject, name: str | None, context: ssl.SSLContext) -> None:
+        """Switch to the latest certificate; OpenSSL calls this for every client, with or without a name."""
         connection.context = self._latest
 
 
-def _empty(*, verify: bool) -> ssl.SSLContext:
+def _new_context(*, verify: bool) -> ssl.SSLContext:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_alpn_protocols(["http/1.1"])
@@ -80,27 +80,27 @@ def _empty(*, verify: bool) -> ssl.SSLContext:
     return context
 
 
-def _read(files: ServerTls) -> ssl.SSLContext:
-    # a new one each time: loading a certificate into the one in use would leave it without a key between two files
-    context = _empty(verify=files.client_ca is not None)
+def _load_context(files: ServerTls) -> ssl.SSLContext:
+    # always a new context: loading into the one in use would leave it with a certificate that does not match its key
+    context = _new_context(verify=files.client_ca is not None)
     context.load_cert_chain(files.certificate, files.key, password=_no_passphrase)
     if files.client_ca is not None:
         context.load_verify_locations(files.client_ca)
     return context
 
 
-def _stamp(files: ServerTls) -> _Stamp:
-    """What changes when one of the files does."""
+def _file_stamp(files: ServerTls) -> _FileStamp:
+    """Return a value that changes when one of the files does."""
     found = []
     for path in (files.certificate, files.key, files.client_ca):
         try:
-            seen = None if path is None else path.stat()
+            status = None if path is None else path.stat()
         except OSError:
-            seen = None
-        found.append((0, 0, 0) if seen is None else (seen.st_mtime_ns, seen.st_size, seen.st_ino))
+            status = None
+        found.append((0, 0, 0) if status is None else (status.st_mtime_ns, status.st_size, status.st_ino))
     return tuple(found)
 
 
 def _no_passphrase() -> str:
-    # without this OpenSSL would ask at the terminal, and the manager would stand still
+    # without this OpenSSL would prompt at the terminal, and the manager would hang
     raise ValueError("the key is protected by a passphrase; store it without one, readable for the manager alone")

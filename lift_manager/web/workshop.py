@@ -16,13 +16,13 @@ from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.site import Site
 from lift_manager.web import workshop_docs as docs
-from lift_manager.web.access import caller, turned_away
-from lift_manager.web.answers import succeeded
-from lift_manager.web.body import decode_object, read_body, shown
-from lift_manager.web.callers import ANOTHER_SITE
+from lift_manager.web.access import caller_key, face_refusal
+from lift_manager.web.body import decode_object, quoted, read_body
+from lift_manager.web.callers import FOREIGN_PAGE
 from lift_manager.web.errors import RequestError
-from lift_manager.web.origin import from_another_site
+from lift_manager.web.origin import is_from_another_site
 from lift_manager.web.query import LIMIT_BYTES, TOO_LONG, named_lifts
+from lift_manager.web.replies import workshop_success
 from register_maps.words import Motion
 
 WORKSHOP = Holder(face="workshop", name="workshop")
@@ -39,7 +39,7 @@ DOOR_OPEN = 2
 _DOOR_STATES = f"{DOOR_CLOSED} (no hold; for the current floor a release) or {DOOR_OPEN} (open and hold)"
 
 NAME_LIMIT = 200
-_HALF_CHARACTER = re.compile("[\\ud800-\\udfff]")
+_SURROGATE = re.compile("[\\ud800-\\udfff]")
 """JSON can spell halves of characters, which no journal or log could store."""
 
 
@@ -49,7 +49,7 @@ def workshop_router(site: Site) -> APIRouter:
     router = APIRouter(prefix="/open-rmf/demo-lift", tags=[docs.TAG])
 
     async def lift_names() -> Response:
-        return succeeded({"lift_names": site.lift_names()})
+        return workshop_success({"lift_names": site.lift_names()})
 
     async def lift_state(request: Request) -> Response:
         return _state_answer(_named_lift(site, request))
@@ -60,16 +60,16 @@ def workshop_router(site: Site) -> APIRouter:
             state = _named_lift(site, request)
         except RequestError:
             lift = "".join(named_lifts(request.scope)[:1])
-            site.turned_away(turned_away(request, "unknown_lift", "it names no lift of this site", lift))
+            site.turned_away(face_refusal(request, "unknown_lift", "it names no lift of this site", lift))
             raise
-        if from_another_site(request):
-            site.turned_away(turned_away(request, "another_site", ANOTHER_SITE, state.lift))
-            raise RequestError("another_site", f"{ANOTHER_SITE}; only programs and this manager's own pages may")
+        if is_from_another_site(request):
+            site.turned_away(face_refusal(request, "another_site", FOREIGN_PAGE, state.lift))
+            raise RequestError("another_site", f"{FOREIGN_PAGE}; only programs and this manager's own pages may")
         floor, hold_door = _read_request(body, state.floors)
-        key = caller(request)
+        key = caller_key(request)
         holder = WORKSHOP if key is None else Holder(WORKSHOP.face, key.name)
         site.request(state.lift, holder, floor, hold_door=hold_door)
-        return succeeded({})
+        return workshop_success({})
 
     router.add_api_route("/lift_names", lift_names, methods=["GET"], **docs.lift_names(names))
     router.add_api_route("/lift_state", lift_state, methods=["GET"], **docs.lift_state(names))
@@ -87,7 +87,7 @@ def _named_lift(site: Site, request: Request) -> LiftState:
     if len(names) > 1:
         raise RequestError("malformed", f"lift_name is given {len(names)} times; give it once, as one of: {lifts}")
     if names[0] not in site.lift_names():
-        raise RequestError("unknown_lift", f"unknown lift {shown(names[0])}; lift_name must be one of: {lifts}")
+        raise RequestError("unknown_lift", f"unknown lift {quoted(names[0])}; lift_name must be one of: {lifts}")
     return site.state(names[0])
 
 
@@ -95,9 +95,9 @@ def _state_answer(state: LiftState) -> Response:
     if state.quality is Quality.OFFLINE:
         age = "no reading yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
         raise RequestError(
-            "offline", f"lift {shown(state.lift)} is offline, {age}: {state.reason or 'no reason known'}"
+            "offline", f"lift {quoted(state.lift)} is offline, {age}: {state.reason or 'no reason known'}"
         )
-    return succeeded(state_data(state))
+    return workshop_success(state_data(state))
 
 
 def state_data(state: LiftState) -> dict[str, object]:
@@ -113,21 +113,25 @@ def state_data(state: LiftState) -> dict[str, object]:
 
 def _read_request(body: bytes, floors: Sequence[str]) -> tuple[str, bool]:
     """Return the floor of a request, and whether to hold the door there."""
-    known = ", ".join(floors)
+    floor_list = ", ".join(floors)
     try:
         fields = decode_object(body)
     except RequestError as error:
-        expected = f'{{"floor": one of {known}, "door_state": {DOOR_CLOSED} or {DOOR_OPEN}}}'
+        expected = f'{{"floor": one of {floor_list}, "door_state": {DOOR_CLOSED} or {DOOR_OPEN}}}'
         raise RequestError("malformed", f"{error.message}; expected {expected}") from error
     if "floor" not in fields:
-        raise RequestError("malformed", f"floor is missing; it must be one of: {known}")
+        raise RequestError("malformed", f"floor is missing; it must be one of: {floor_list}")
     floor = fields["floor"]
-    if not isinstance(floor, str) or len(floor) > NAME_LIMIT or _HALF_CHARACTER.search(floor):
-        raise RequestError("malformed", f"floor must be one of: {known}; not {shown(floor)}")
+    if not isinstance(floor, str) or len(floor) > NAME_LIMIT or _SURROGATE.search(floor):
+        raise RequestError("malformed", f"floor must be one of: {floor_list}; not {quoted(floor)}")
     if "door_state" not in fields:
         raise RequestError("malformed", f"door_state is missing; it must be {_DOOR_STATES}")
-    wanted = fields["door_state"]
+    door_state = fields["door_state"]
     # True == 1 in Python, and a client that sends a boolean means something else
-    if isinstance(wanted, bool) or not isinstance(wanted, int | float) or wanted not in {DOOR_CLOSED, DOOR_OPEN}:
-        raise RequestError("malformed", f"door_state must be {_DOOR_STATES}, not {shown(wanted)}")
-    return floor, wanted == DOOR_OPEN
+    if (
+        isinstance(door_state, bool)
+        or not isinstance(door_state, int | float)
+        or door_state not in {DOOR_CLOSED, DOOR_OPEN}
+    ):
+        raise RequestError("malformed", f"door_state must be {_DOOR_STATES}, not {quoted(door_state)}")
+    return floor, door_state == DOOR_OPEN

@@ -20,7 +20,7 @@ from lift_manager.lift.record import DurableRecord
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.database import connect
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened
+from lift_manager.store.site import open_store
 
 SITE = "Main hospital"
 START = datetime(2026, 1, 1, tzinfo=UTC)
@@ -42,7 +42,7 @@ def connect_carelessly(uri: str) -> sqlite3.Connection:
 async def main(path: Path, number: int, presses: int, *, careless: bool) -> None:
     at = START + number * timedelta(days=30)
     connecting = connect_carelessly if careless else connect
-    kept = opened(path, SITE, ["east"], Limits(20, 500), clock=lambda: at, connect=connecting)
+    kept = open_store(path, SITE, ["east"], Limits(20, 500), clock=lambda: at, connect=connecting)
     running = asyncio.ensure_future(kept.run(lambda _: None))
     for press in range(PER_ROUND * number, PER_ROUND * number + presses):
         for _ in range(press % 4):  # commits of one row and of several

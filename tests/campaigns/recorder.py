@@ -23,7 +23,7 @@ from lift_manager.lift.journal import Row
 from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.bus import Event, StateChanged
 from lift_manager.runtime.errors import RequestRefused
-from lift_manager.web.events.encoding import shown
+from lift_manager.web.events.encoding import encode_event
 from lift_manager.web.workshop import state_data
 from register_maps import frames
 from register_maps.errors import FrameError
@@ -79,7 +79,7 @@ class Recorder:
         if self._states.get(lift) == timeless:
             return
         self._states[lift] = timeless
-        said = shown(StateChanged(lift, timeless), self._max_age_s[lift]).model_dump(mode="json")["lift"]
+        said = encode_event(StateChanged(lift, timeless), self._max_age_s[lift]).model_dump(mode="json")["lift"]
         self._add("states", at, said)
         live = state.quality is Quality.LIVE
         workshop: Json = {"lift": lift, "success": live, "data": _plain(state_data(state)) if live else {}}
@@ -93,7 +93,7 @@ class Recorder:
 
     def heard(self, at: float, event: Event) -> None:
         """Write down an event as the event stream has it."""
-        self._add("events", at, shown(event, self._max_age_s[event.lift]).model_dump(mode="json"))
+        self._add("events", at, encode_event(event, self._max_age_s[event.lift]).model_dump(mode="json"))
 
     def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Write down a request, and the reply."""

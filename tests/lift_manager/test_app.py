@@ -90,7 +90,7 @@ class Module:
 
 
 @contextlib.asynccontextmanager
-async def running(building: app.Building) -> AsyncIterator[None]:
+async def running(building: app.ManagerParts) -> AsyncIterator[None]:
     """Everything but the faces of a manager."""
     async with asyncio.TaskGroup() as tasks:
         parts = [*(link.run() for link in building.links), *building.life.drives(), building.life.run()]
@@ -119,8 +119,8 @@ def test_a_bug_in_one_part_ends_the_manager_only_after_everything_is_let_go(capl
     assert "stopping: releasing everything" in caplog.text
     # on a busy machine the lift may be too old to be looked at, or the time for it over, and that is said
     said = (
-        "everything we held is let go and verified",
-        "so nobody could look at what its controller holds",
+        "everything held is released and verified",
+        "so the outputs of its controller could not be verified",
         "not every output",
     )
     assert any(words in caplog.text for words in said)
@@ -212,7 +212,7 @@ def test_a_manager_that_only_watches_says_at_its_end_that_it_held_nothing(caplog
 
     with caplog.at_level(logging.INFO):
         asyncio.run(main())
-    assert "stopping: nothing is held, every lift is only watched" in caplog.text
+    assert "stopping: nothing is held, every lift is only monitored" in caplog.text
     assert "let go" not in caplog.text
 
 

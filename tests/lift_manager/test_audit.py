@@ -254,7 +254,7 @@ def test_a_file_that_is_there_is_replaced_only_if_asked_for(used: Building, tmp_
     used.end()
     used.sql("UPDATE rows SET caller = x'00' WHERE seq = 3")
     file.write_text("mine")
-    assert "row 3 has no text for its caller" in used.audit("--csv", str(file), "--force", code=1)
+    assert "row 3 has no text as its caller" in used.audit("--csv", str(file), "--force", code=1)
     assert file.read_text() == "mine"
     assert {path.name for path in tmp_path.iterdir()} == {"site.yaml", "kept", "rows.csv"}
 
@@ -272,7 +272,7 @@ def test_a_chain_that_holds_is_told_with_a_seal_and_the_seal_is_checked_later(us
     used.sql("DELETE FROM rows WHERE seq >= 4")
     used.sql("UPDATE head SET seq = 3, hash = (SELECT hash FROM rows WHERE seq = 3)")  # by somebody who knows
     assert "the chain" in used.audit("--verify")
-    assert "row 4 was noted, and is not there" in used.audit("--since-seal", seal, code=1)
+    assert "row 4 was noted, and does not exist" in used.audit("--since-seal", seal, code=1)
 
 
 def test_a_seal_says_where_the_journal_began_and_a_cut_since_then_is_told(used: Building) -> None:
@@ -329,7 +329,7 @@ def test_a_broken_chain_is_told_and_ends_with_1(used: Building) -> None:
     assert done.stderr == f"{used.journal}: {what}\n"
     assert done.stdout == "     2  2026-11-20 12:00:00  east-wing  request  workshop:r1  asks for L1\n"
     used.sql("UPDATE rows SET text = x'00' WHERE seq = 2")
-    assert "row 2 was changed: it has no text for its text" in used.audit("--verify", code=1)
+    assert "row 2 was changed: it has no text as its text" in used.audit("--verify", code=1)
 
 
 def test_a_cut_is_told_and_so_is_a_row_that_is_gone_from_the_end(used: Building) -> None:
@@ -350,7 +350,7 @@ def test_a_copy_is_read_with_and_without_a_site_file(used: Building, tmp_path: P
     done = called("audit", "--journal", str(copy), "--verify")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "the chain of the site Main hospital holds" in done.stdout
-    assert "is not there: no manager has run for this site" in used.audit(code=1)
+    assert "does not exist: no manager has run for this site" in used.audit(code=1)
 
 
 def test_what_cannot_be_read_is_told_in_one_line(building: Building, tmp_path: Path) -> None:
@@ -360,7 +360,7 @@ def test_what_cannot_be_read_is_told_in_one_line(building: Building, tmp_path: P
     for words in ((), ("--follow",), ("--verify",), ("--csv", "-")):
         told = building.audit(*words, code=1)
         assert len(told.splitlines()) == 1
-        assert "is no journal, or is damaged" in told
+        assert "is not a journal, or is damaged" in told
     assert called("audit", str(tmp_path / "none.yaml")).exit_code == 2
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.app import Building, build
+from lift_manager.app import ManagerParts, build
 from lift_manager.cli.logs import JsonFormatter
 from lift_manager.config.load import load_site
 from lift_manager.runtime.recorder import Recorder
 from lift_manager.store.read import RowFilter, event_of, open_journal
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened
+from lift_manager.store.site import open_store
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import serving
 from tests.lift_manager.web.listening import Message, listening
@@ -28,7 +28,7 @@ SITE = {
 }
 
 
-def of_site(folder: Path, recorder: Recorder) -> Building:
+def of_site(folder: Path, recorder: Recorder) -> ManagerParts:
     file = folder / "site.yaml"
     file.write_text(json.dumps(SITE), "utf-8")  # JSON is YAML
     return build(load_site(file), recorder=recorder)
@@ -38,7 +38,7 @@ def test_log_journal_and_stream_name_an_event_alike(tmp_path: Path, caplog: pyte
     path = tmp_path / "one.db"
 
     async def main() -> list[Message]:
-        journal = opened(path, "one id", ["goods"], Limits(10, 10))
+        journal = open_store(path, "one id", ["goods"], Limits(10, 10))
         site = of_site(tmp_path, journal).site
         recording = asyncio.ensure_future(journal.run(site.report_disk))
         async with serving(make_app(site)) as port, listening(port) as stream:

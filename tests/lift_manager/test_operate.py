@@ -147,7 +147,7 @@ def test_a_damaged_state_stops_the_start_in_one_sentence(site: Site) -> None:
     second = run("serve", site.file, "--port", "0")
     assert second.returncode == 1
     (line,) = [line for line in second.stderr.splitlines() if "WARNING" not in line]
-    assert line.startswith(f"{file} is no store of a lift manager")
+    assert line.startswith(f"{file} is not a store of a lift manager")
     assert "so nothing starts without it" in line
     assert "Traceback" not in second.stderr
 
@@ -158,11 +158,11 @@ def test_a_state_that_cannot_be_written_is_in_force_all_the_same(tmp_path: Path)
     beside.mkdir(parents=True)
     with Started() as programs:
         site = Site(programs, tmp_path)
-        site.manager.logs("what people say is in force but not kept over a restart")
+        site.manager.logs("decisions of people are in force but do not survive a restart")
         site.say("lockout", LIFT, "--by", "M. Weber", "--reason", "new ropes")
         assert "is locked out" in site.refuses()
         beside.rmdir()
-        site.manager.logs("is written again")
+        site.manager.logs("can be written again")
         site.restart(signal.SIGKILL)
         assert "is locked out" in site.refuses()
 

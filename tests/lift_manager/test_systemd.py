@@ -21,7 +21,7 @@ from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.life import SiteLife
 from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.runtime.site import Site
-from lift_manager.systemd import Notifier, notifier, watch
+from lift_manager.systemd import Notifier, notifier, report_to_systemd
 from tests.lift_manager.runtime.scripted import PLAIN, ScriptedDriver
 from tests.support.programs import HANGS_S, LIFT_MANAGER, OUT_WITHIN_S, ROOT, free_port, started
 from tests.support.rows import each_row
@@ -105,7 +105,7 @@ def watched(systemd: Systemd, address: str, *, silent: bool = False, hangs: bool
         ]
         life = SiteLife(Site(lifts, bus, recorder), lifts)
         limits = {"east": PATIENCE_S, "west": PATIENCE_S}
-        alive = watch(Notifier(address, WATCHDOG_S), limits, life.polls, lambda: "well")
+        alive = report_to_systemd(Notifier(address, WATCHDOG_S), limits, life.polls, lambda: "well")
         tasks = [asyncio.ensure_future(work) for work in (life.run(), alive)]
         heard: list[str] = []
         for second in range(60):
@@ -145,13 +145,13 @@ def test_one_poll_loop_that_hangs_starves_the_watchdog_and_is_named(
     assert "WATCHDOG=1" not in heard
     assert set(heard) == {"STATUS=polls stand still: west"}
     assert [record.message for record in caplog.records if record.levelno == logging.ERROR] == [
-        "the polls of west do not advance any more, through no fault of a controller; systemd is told"
+        "the polls of west no longer advance, and no controller is the cause; systemd is notified"
     ]
 
 
 def test_readiness_comes_first_and_with_the_status(address: str) -> None:
     async def main() -> None:
-        task = asyncio.ensure_future(watch(Notifier(address, None), {}, dict, lambda: "2 lifts, 1 live"))
+        task = asyncio.ensure_future(report_to_systemd(Notifier(address, None), {}, dict, lambda: "2 lifts, 1 live"))
         await elapse(25)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -165,7 +165,7 @@ def test_readiness_comes_first_and_with_the_status(address: str) -> None:
 
 def test_readiness_that_could_not_be_told_is_told_later(address: str) -> None:
     async def main() -> list[str]:
-        task = asyncio.ensure_future(watch(Notifier(address, WATCHDOG_S), {}, dict, lambda: "well"))
+        task = asyncio.ensure_future(report_to_systemd(Notifier(address, WATCHDOG_S), {}, dict, lambda: "well"))
         await elapse(1)
         with systemd_at(address) as systemd:
             await elapse(WATCHDOG_S)
@@ -178,10 +178,10 @@ def test_readiness_that_could_not_be_told_is_told_later(address: str) -> None:
 
 def test_outside_systemd_nothing_is_watched() -> None:
     async def main() -> None:
-        await watch(notifier({}), {}, dict, lambda: "well")
+        await report_to_systemd(notifier({}), {}, dict, lambda: "well")
 
     run_virtual(main)
-    assert not notifier({}).is_heard
+    assert not notifier({}).is_enabled
     notifier({}).send("READY=1")
 
 
@@ -215,7 +215,7 @@ def test_a_watchdog_that_is_no_time_is_reported(told: dict[str, str], caplog: py
 
 
 def test_a_socket_of_another_kind_is_reported_and_left_alone(caplog: pytest.LogCaptureFixture) -> None:
-    assert not notifier({"NOTIFY_SOCKET": "vsock:2:1234"}).is_heard
+    assert not notifier({"NOTIFY_SOCKET": "vsock:2:1234"}).is_enabled
     assert "vsock" in caplog.text
 
 
@@ -225,7 +225,7 @@ def test_a_systemd_that_hears_nothing_is_reported_once_and_harms_nobody(
     nobody = Notifier(address, 1.0)
     nobody.send("WATCHDOG=1")
     nobody.send("WATCHDOG=1")
-    assert caplog.text.count("systemd cannot be told") == 1
+    assert caplog.text.count("to systemd over") == 1
     with systemd_at(address) as systemd:
         nobody.send("WATCHDOG=1")
         assert systemd.hear() == ["WATCHDOG=1"]
@@ -241,7 +241,7 @@ def site(folder: Path, port: int) -> Path:
 def test_the_patience_follows_from_map_and_site(tmp_path: Path) -> None:
     loaded = load_site(site(tmp_path, 502))
     links = app.build(loaded).links
-    (limit_s,) = app.patience(loaded, links).values()
+    (limit_s,) = app.poll_patience_s(loaded, links).values()
     # eight registers are polled and four outputs read back, each behind three commands
     settings = links[0].settings
     assert limit_s == pytest.approx(0.2 + 12 * 4 * (settings.most_timeout_s + 3 * 0.05))
@@ -270,7 +270,7 @@ def test_a_real_process_tells_systemd_how_it_stands_while_its_controller_is_dead
         program.tell(signal.SIGTERM)
         while "STOPPING=1" not in (last := systemd.hear()):
             assert last[0] == "WATCHDOG=1"
-        assert last == ["STOPPING=1", "STATUS=letting go of everything"]
+        assert last == ["STOPPING=1", "STATUS=releasing everything"]
         assert program.ended() == 0
 
 
@@ -283,6 +283,6 @@ def test_the_unit_file_fits_the_program() -> None:
     assert " -I " in service["ExecStart"]
     assert " -m lift_manager serve " in service["ExecStart"]
     assert float(service["TimeoutStopSec"]) > OUT_WITHIN_S
-    assert float(service["TimeoutStartSec"]) > 10 * app.FIRST_LOOK_S
+    assert float(service["TimeoutStartSec"]) > 10 * app.FIRST_READING_S
     assert float(service["WatchdogSec"]) > 2 * app.RELEASE_WITHIN_S
     assert service["StateDirectory"] == "lift-manager"

@@ -57,7 +57,7 @@ def test_a_certificate_that_expires_while_the_manager_runs_is_told_each_time_and
 
     async def main() -> None:
         begun = asyncio.get_running_loop().time()
-        reminding = asyncio.create_task(app.remind(loaded, every_s=0.2))
+        reminding = asyncio.create_task(app.warn_of_expiry(loaded, every_s=0.2))
         await until(lambda: asyncio.get_running_loop().time() > begun + 0.5)
         assert caplog.messages == []
         since = datetime.now(UTC) - timedelta(days=300)
@@ -67,7 +67,7 @@ def test_a_certificate_that_expires_while_the_manager_runs_is_told_each_time_and
 
     asyncio.run(main())
     assert all(line.startswith(f"secured: certificate {tmp_path / 'link.pem'} expires on ") for line in caplog.messages)
-    assert app.REMIND_EVERY_S == 86400.0
+    assert app.WARN_EVERY_S == 86400.0
 
 
 @pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
@@ -84,7 +84,7 @@ def test_https_takes_renewed_files_while_it_runs(
     async def main() -> None:
         async with serving(make_app(FakeSite()), tls) as port:
             before = await certificate(port, authority)
-            renewing = asyncio.create_task(app.renew(tls))
+            renewing = asyncio.create_task(app.renew_certificates(tls))
             authority.issue("api", "127.0.0.1")
             async with asyncio.timeout(60):
                 while await certificate(port, authority) == before:
@@ -116,7 +116,7 @@ def test_certificates_on_a_disk_that_hangs_hold_up_neither_polls_nor_clients_nor
             before = await certificate(port, authority)
             shown.certificate.unlink()
             os.mkfifo(shown.certificate)
-            tasks = [asyncio.create_task(work) for work in (poll(), app.renew(tls, within_s=0.2))]
+            tasks = [asyncio.create_task(work) for work in (poll(), app.renew_certificates(tls, within_s=0.2))]
             await until(lambda: "do not answer within 0.2 s" in caplog.text)
             polled = polls
             await until(lambda: polls > polled + 20)
@@ -157,7 +157,7 @@ def test_a_manager_does_not_start_with_files_that_cannot_be_used(tmp_path: Path,
     (tmp_path / "link.key").unlink()
     done = run("serve", tmp_path / "site.yaml", "--port", "0")
     assert done.returncode == 2
-    assert f"controllers.secured.tls.key: {tmp_path / 'link.key'} is not there" in done.stderr
+    assert f"controllers.secured.tls.key: {tmp_path / 'link.key'} does not exist" in done.stderr
     assert "Traceback" not in done.stderr
 
 

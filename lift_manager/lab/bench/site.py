@@ -69,7 +69,7 @@ class RunningSite:
                 parts = [*(link.run() for link in self._building.links), *life.drives(), life.run()]
                 self._running += [tasks.create_task(part) for part in (*parts, self._listen(events))]
                 with suppress(TimeoutError):
-                    async with asyncio.timeout(app.FIRST_LOOK_S):
+                    async with asyncio.timeout(app.FIRST_READING_S):
                         await life.first_look()
                 self._running.append(tasks.create_task(self._serve(sock)))
                 yield

@@ -122,16 +122,16 @@ class _OneManagersStore:
     def commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> bool:
         if self.dropped:
             return False
-        tend = self._disk.store.commit(records, rows)
+        do_upkeep = self._disk.store.commit(records, rows)
         for hear in self._disk.on_committed:
             hear([noted.row for noted in rows])
-        return tend
+        return do_upkeep
 
     def tail(self, count: int) -> Sequence[PendingRow]:
         return self._disk.store.tail(count)
 
-    def tend(self, now: int, *, check: bool) -> UpkeepStep:
-        return self._disk.store.tend(now, check=check)
+    def do_upkeep(self, now: int, *, check: bool) -> UpkeepStep:
+        return self._disk.store.do_upkeep(now, check=check)
 
     def close(self) -> None:
         pass

@@ -1,4 +1,4 @@
-"""What is shown of each thing that happens. Pure. Ids of sessions and of requests within them are told to nobody."""
+"""Converts events of the site for the event stream. Pure. It never reveals ids of sessions or of the requests within them."""
 
 from __future__ import annotations
 
@@ -40,53 +40,55 @@ from lift_manager.rides import ride as rides
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.runtime.bus import Event, StateChanged
 
-Shown = StateEvent | SessionEvent | AdviceEvent | CommandEvent | RequestEvent | RideEvent | AlarmEvent | PersonEvent
+StreamData = (
+    StateEvent | SessionEvent | AdviceEvent | CommandEvent | RequestEvent | RideEvent | AlarmEvent | PersonEvent
+)
 
-_BEFORE = {rides.Guidance.ENTER: rides.Guidance.WAIT, rides.Guidance.LEAVE: rides.Guidance.STAY}
-"""What a robot does that may not drive on an invitation."""
+_SAFE_GUIDANCE = {rides.Guidance.ENTER: rides.Guidance.WAIT, rides.Guidance.LEAVE: rides.Guidance.STAY}
+"""What a robot does while it may not act on an invitation."""
 
 
-def shown(event: Event, max_age_s: float, by_s: float = 0.0) -> Shown:
-    """Return an event as the stream has it so many seconds after it was published; one that is too old for its lift invites nobody."""
-    is_old = by_s > invites_for_s(event, max_age_s)
+def encode_event(event: Event, max_age_s: float, by_s: float = 0.0) -> StreamData:
+    """Return an event as streamed `by_s` seconds after it was published; if it is too old for its lift, it invites no robot."""
+    is_old = by_s > actionable_for_s(event, max_age_s)
     match aged(event, by_s):
         case StateChanged(_, state):
             lift = Lift.of(state, max_age_s=max_age_s)
-            return StateEvent(lift=lift.unread(lift.age_s, _too_old(max_age_s)) if is_old else lift)
-        case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded() as about:
-            return _session(about)
-        case RestrictionBegun() | RestrictionEnded() | Acknowledged() | ForceReleased() as about:
-            return _person(about)
+            return StateEvent(lift=lift.unread(lift.age_s, _too_old_text(max_age_s)) if is_old else lift)
+        case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded() as change:
+            return _session_event(change)
+        case RestrictionBegun() | RestrictionEnded() | Acknowledged() | ForceReleased() as change:
+            return _person_event(change)
         case Advised(lift, holder, advice, text):
             return AdviceEvent(lift=lift, holder=str(holder), advice=advice, text=text)
-        case CommandEnded() | CommandFollowed() as about:
-            return _outcome(about)
+        case CommandEnded() | CommandFollowed() as change:
+            return _command_event(change)
         case Alarm(lift, text, holder):
             return AlarmEvent(lift=lift, text=text, holder=_name(holder))
         case RideChanged(_, ride):
-            return RideEvent(ride=Ride.of(_uninviting(ride, by_s) if is_old else ride), age_s=by_s)
+            return RideEvent(ride=Ride.of(_without_invitation(ride, by_s) if is_old else ride), age_s=by_s)
         case other:
             assert_never(other)
 
 
-def invites_for_s(event: Event, max_age_s: float) -> float:
-    """Return for how many seconds after it was published a robot may still act on an event; infinite where it invites nobody."""
+def actionable_for_s(event: Event, max_age_s: float) -> float:
+    """Return for how many seconds after its publication a robot may act on an event; infinite if it is not an invitation."""
     match event:
         case StateChanged(_, state) if state.quality is Quality.LIVE:
             return max_age_s - (state.age_s or 0.0)
-        case RideChanged(_, ride) if ride.guidance in _BEFORE:
+        case RideChanged(_, ride) if ride.guidance in _SAFE_GUIDANCE:
             return max_age_s
         case _:
             return math.inf
 
 
-def ages(event: Event) -> bool:
-    """Whether an event says how long something has been so, or will be."""
+def has_ages(event: Event) -> bool:
+    """Whether an event contains an age or a remaining time."""
     return isinstance(event, StateChanged | RideChanged)
 
 
 def aged(event: Event, by_s: float) -> Event:
-    """Return an event as it reads after so many seconds."""
+    """Return an event with its ages and remaining times after `by_s` seconds."""
     match event:
         case StateChanged(lift, state):
             return StateChanged(lift, _aged_state(state, by_s))
@@ -103,16 +105,16 @@ def _aged_state(state: LiftState, by_s: float) -> LiftState:
     return replace(state, age_s=age_s, held_since_s=held_s, releases_in_s=releases_in_s)
 
 
-def _too_old(max_age_s: float) -> str:
+def _too_old_text(max_age_s: float) -> str:
     return f"nothing newer within {max_age_s:g} s in this event; GET /api/v1/lifts tells how the lift is now"
 
 
-def _uninviting(ride: rides.Ride, by_s: float) -> rides.Ride:
+def _without_invitation(ride: rides.Ride, by_s: float) -> rides.Ride:
     reason = f"`{ride.guidance}` was said {by_s:.1f} s ago; GET /api/v1/rides/{ride.id} tells what holds now"
-    return replace(ride, guidance=_BEFORE[ride.guidance], reason=reason)
+    return replace(ride, guidance=_SAFE_GUIDANCE[ride.guidance], reason=reason)
 
 
-def _session(event: SessionOpened | SessionRestored | HandedOver | SessionEnded) -> SessionEvent:
+def _session_event(event: SessionOpened | SessionRestored | HandedOver | SessionEnded) -> SessionEvent:
     lift, holder = event.lift, str(event.holder)
     match event:
         case SessionOpened(_, _, floor):
@@ -127,14 +129,14 @@ def _session(event: SessionOpened | SessionRestored | HandedOver | SessionEnded)
             assert_never(event)
 
 
-def _person(event: RestrictionBegun | RestrictionEnded | Acknowledged | ForceReleased) -> PersonEvent:
+def _person_event(event: RestrictionBegun | RestrictionEnded | Acknowledged | ForceReleased) -> PersonEvent:
     match event:
-        case RestrictionBegun(lift, made):
-            what: PersonWord = "locked_out" if made.kind is RestrictionKind.LOCKOUT else "drain_begun"
-            return PersonEvent(lift=lift, what=what, by=made.by, text=made.reason, at=made.since)
-        case RestrictionEnded(lift, by, at, made):
-            what = "lockout_over" if made.kind is RestrictionKind.LOCKOUT else "drain_over"
-            text = f"the {made.kind} by {made.by}: {made.reason}"
+        case RestrictionBegun(lift, restriction):
+            what: PersonWord = "locked_out" if restriction.kind is RestrictionKind.LOCKOUT else "drain_begun"
+            return PersonEvent(lift=lift, what=what, by=restriction.by, text=restriction.reason, at=restriction.since)
+        case RestrictionEnded(lift, by, at, restriction):
+            what = "lockout_over" if restriction.kind is RestrictionKind.LOCKOUT else "drain_over"
+            text = f"the {restriction.kind} by {restriction.by}: {restriction.reason}"
             return PersonEvent(lift=lift, what=what, by=by, text=text, at=at)
         case Acknowledged(lift, by, at, causes):
             return PersonEvent(lift=lift, what="acknowledged", by=by, text=" and ".join(causes), at=at)
@@ -144,7 +146,7 @@ def _person(event: RestrictionBegun | RestrictionEnded | Acknowledged | ForceRel
             assert_never(event)
 
 
-def _outcome(event: CommandEnded | CommandFollowed) -> CommandEvent | RequestEvent:
+def _command_event(event: CommandEnded | CommandFollowed) -> CommandEvent | RequestEvent:
     match event:
         case CommandEnded(lift, outcome, holder):
             return CommandEvent(

@@ -129,9 +129,9 @@ def test_a_mistyped_key_is_none(wrong: str) -> None:
 
 
 def test_a_ring_without_keys_needs_none_unless_it_is_told_to() -> None:
-    assert RING.needed
-    assert not KeyRing().needed
-    assert KeyRing(open_without=False).needed
+    assert RING.are_required
+    assert not KeyRing().are_required
+    assert KeyRing(open_without_keys=False).are_required
 
 
 def test_a_secret_shows_itself_in_no_text() -> None:

@@ -115,7 +115,7 @@ def test_a_stream_that_says_nothing_for_three_seconds_is_dead() -> None:
             await take(events, 2)
             began = asyncio.get_running_loop().time()
             event = await anext(events)
-            assert event == Disconnected("nothing was heard for 3 s", event.again_in_s)  # type: ignore[union-attr]
+            assert event == Disconnected("no data for 3 s", event.again_in_s)  # type: ignore[union-attr]
             assert asyncio.get_running_loop().time() - began == pytest.approx(3.0)
 
     run_virtual(main)
@@ -181,7 +181,7 @@ EVENTS = {"content-type": "text/event-stream"}
     ("answer", "why"),
     [
         (lambda: said(200, "<html>"), "it sends no events"),
-        (lambda: said(502, "<html>"), "is no lift manager"),
+        (lambda: said(502, "<html>"), "is not a lift manager"),
         (lambda: no(503, "too_many_streams", "full"), "full"),
         (lambda: httpx.Response(200, headers=EVENTS, stream=Nonsense(b"data: {\n\n")), "cannot be read"),
         (

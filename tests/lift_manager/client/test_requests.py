@@ -110,7 +110,7 @@ def test_a_manager_that_refuses_connections_was_not_told_anything() -> None:
 def test_a_manager_that_hangs_is_given_up_after_the_time_for_each_try() -> None:
     async def main() -> float:
         async with LiftManagerClient(URL, within_s=2.0, transport=Manager(deaf=True)) as client:
-            with pytest.raises(Unreachable, match="nothing within 2 s") as caught:
+            with pytest.raises(Unreachable, match="no reply within 2 s") as caught:
                 await client.lifts()
         assert caught.value.may_have_arrived
         return asyncio.get_running_loop().time()
@@ -165,7 +165,7 @@ def test_an_answer_of_another_program_is_not_taken_for_one(status: int, body: st
     manager.handlers["GET", "/api/v1/lifts/lift"] = lambda _: said(status, body)
     manager.handlers["POST", "/api/v1/lifts/lift/acknowledge"] = lambda _: said(status, body)
     for what in (lambda client: client.lift(LIFT), lambda client: client.acknowledge(LIFT, "A. Beck")):
-        with pytest.raises(NotAManager, match=rf"is no lift manager \(HTTP {status}\)"):
+        with pytest.raises(NotAManager, match=rf"is not a lift manager \(HTTP {status}\)"):
             ask(manager, what)
 
 

@@ -59,12 +59,12 @@ def test_a_robot_is_told_the_truth_over_two_kills_of_the_manager_and_gets_there(
             for stands, kept in ((Guidance.ENTER, Guidance.WAIT), (Guidance.STAY, Guidance.STAY)):
                 if stands is Guidance.STAY:
                     await ride.entered()
-                await until(ride, lambda step: step.heard and step.guidance is stands)  # noqa: B023
+                await until(ride, lambda step: step.is_current and step.guidance is stands)  # noqa: B023
                 await asyncio.to_thread(building.kill)
-                assert (await until(ride, lambda step: not step.heard)).guidance is kept
+                assert (await until(ride, lambda step: not step.is_current)).guidance is kept
                 await asyncio.to_thread(building.start_again)
                 # it says by itself that it is here: nothing is pressed before
-                await until(ride, lambda step: step.heard)
+                await until(ride, lambda step: step.is_current)
             await until(ride, lambda step: step.guidance is Guidance.LEAVE)
             assert (await ride.left()).guidance is Guidance.DONE
 

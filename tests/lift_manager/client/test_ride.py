@@ -126,13 +126,13 @@ def test_an_invitation_falls_once_the_manager_was_not_heard_for_max_age(
             assert ride.now.guidance is stands[1]
             setattr(manager, fails, fails == "deaf")
             gone_at = now()
-            step = await until(ride, lambda step: not step.heard)
+            step = await until(ride, lambda step: not step.is_current)
             assert now() - gone_at <= 1.01
             assert step.guidance is kept
-            assert "has not been heard for" in step.reason
+            assert "has not replied for" in step.reason
             assert ride.now.guidance is kept
             setattr(manager, fails, fails == "up")
-            await until(ride, lambda step: step.heard and step.guidance is stands[1])
+            await until(ride, lambda step: step.is_current and step.guidance is stands[1])
             assert "POST /api/v1/rides/r1/here" in manager.asked
             manager.tell(Phase.DONE, Guidance.DONE)
             await until(ride, lambda step: step.over)
@@ -219,9 +219,9 @@ def test_a_robot_that_is_inside_is_told_to_stay_although_the_manager_has_not_hea
             async with asyncio.TaskGroup() as tasks:
                 saying = tasks.create_task(ride.entered())
                 await elapse(0.1)
-                assert (ride.now.guidance, ride.now.heard) == (Guidance.STAY, True)
+                assert (ride.now.guidance, ride.now.is_current) == (Guidance.STAY, True)
                 await elapse(30)
-                assert (ride.now.guidance, ride.now.heard) == (Guidance.STAY, False)
+                assert (ride.now.guidance, ride.now.is_current) == (Guidance.STAY, False)
                 manager.up = True
             assert saying.result().ride.phase is Phase.RIDING
 
@@ -269,7 +269,7 @@ def test_a_word_that_makes_no_sense_is_refused_and_forgotten() -> None:
             with pytest.raises(Refused, match="the ride is queued"):
                 await ride.entered()
             manager.tell(*ENTER)
-            assert (await until(ride, lambda step: step.guidance is Guidance.ENTER)).heard
+            assert (await until(ride, lambda step: step.guidance is Guidance.ENTER)).is_current
 
     run_virtual(main)
 
@@ -283,11 +283,11 @@ def test_after_a_restart_the_robot_is_heard_without_the_program_doing_anything()
             assert "POST /api/v1/rides/r1/here" not in manager.asked
             manager.restart()
             await elapse(3)
-            heard = [asked for asked in manager.asked if asked.endswith(("/here", "/events"))]
-            assert heard.index("GET /api/v1/events", 1) < len(heard) - 1, (
+            is_current = [asked for asked in manager.asked if asked.endswith(("/here", "/events"))]
+            assert is_current.index("GET /api/v1/events", 1) < len(is_current) - 1, (
                 "it is said to the manager that is there after the cut"
             )
-            assert heard[-1] == "POST /api/v1/rides/r1/here"
+            assert is_current[-1] == "POST /api/v1/rides/r1/here"
 
     run_virtual(main)
 
@@ -318,7 +318,7 @@ def test_a_key_that_is_revoked_on_the_way_is_silence_with_its_reason() -> None:
             await until(ride, lambda step: step.guidance is Guidance.LEAVE)
             for asked in (("GET", "/api/v1/rides/r1"), ("POST", "/api/v1/rides/r1/here")):
                 manager.handlers[asked] = lambda _: no(401, "bad_key", "this key does not count here")
-            step = await until(ride, lambda step: not step.heard)
+            step = await until(ride, lambda step: not step.is_current)
             assert step.guidance is Guidance.STAY
             assert "this key does not count here" in step.reason
 

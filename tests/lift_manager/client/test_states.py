@@ -70,12 +70,20 @@ def test_a_lift_goes_offline_by_itself_once_nothing_was_heard_for_its_max_age(fa
             await elapse(7)
             setattr(manager, fails, fails == "deaf")
             gone_at = now()
-            gone = await first(states, Quality.OFFLINE)
+            unknown_reason = await first(states, Quality.OFFLINE)
             # 0.1 s of it had passed when the manager read the lift
             assert now() - gone_at <= 0.91
-            assert (gone.floor, gone.standing, gone.robot_door) == (None, False, RobotDoor.MOVING)
-            assert (gone.doors, gone.motion, gone.mode) == ({}, Motion.UNKNOWN, Mode.UNKNOWN)
-            assert "the manager has not been heard for" in gone.reason
+            assert (unknown_reason.floor, unknown_reason.standing, unknown_reason.robot_door) == (
+                None,
+                False,
+                RobotDoor.MOVING,
+            )
+            assert (unknown_reason.doors, unknown_reason.motion, unknown_reason.mode) == (
+                {},
+                Motion.UNKNOWN,
+                Mode.UNKNOWN,
+            )
+            assert "the manager has not replied for" in unknown_reason.reason
             await elapse(60)
             age_s = states[LIFT].age_s
             assert age_s is not None
@@ -93,32 +101,34 @@ def test_a_silent_manager_is_told_from_a_lift_that_it_cannot_read(quality: Quali
         async with client_of(manager) as client, client.states() as states:
             await anext(states)
             for _ in range(100):
-                assert states.heard(LIFT)
+                assert states.is_current(LIFT)
                 await elapse(0.05)
             manager.up = False
             await elapse(1.1)
-            assert not states.heard(LIFT)
+            assert not states.is_current(LIFT)
             manager.up = True
             await elapse(3)
-            assert states.heard(LIFT)
+            assert states.is_current(LIFT)
             manager.show(manager.lifts[LIFT].model_copy(update={"quality": Quality.OFFLINE, "age_s": 60.0}))
             await elapse(1)
-            assert states.heard(LIFT)
+            assert states.is_current(LIFT)
 
     run_virtual(main)
 
 
 def test_a_reason_that_differs_in_its_seconds_is_the_same_and_another_reason_is_shown() -> None:
     async def main() -> None:
-        gone = IDLE.model_copy(update={"quality": Quality.OFFLINE, "reason": "plc has not answered for 2.5 s"})
-        manager = Manager({LIFT: gone})
+        unknown_reason = IDLE.model_copy(
+            update={"quality": Quality.OFFLINE, "reason": "plc has not answered for 2.5 s"}
+        )
+        manager = Manager({LIFT: unknown_reason})
         async with client_of(manager) as client, client.states() as states:
             await anext(states)
-            manager.show(gone.model_copy(update={"reason": "plc has not answered for 12 s"}))
+            manager.show(unknown_reason.model_copy(update={"reason": "plc has not answered for 12 s"}))
             with pytest.raises(TimeoutError):
                 async with asyncio.timeout(10):
                     await anext(states)
-            manager.show(gone.model_copy(update={"reason": "plc refuses connections"}))
+            manager.show(unknown_reason.model_copy(update={"reason": "plc refuses connections"}))
             assert (await anext(states)).reason == "plc refuses connections"
 
     run_virtual(main)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.modbus.settings import LinkSettings
-from lift_manager.config.devices import Device, devices, strictest
+from lift_manager.config.devices import Device, devices, strictest_needs
 from lift_manager.lift.config import LiftConfig
 from register_maps.schema import LinkDefaults
 from tests.lift_manager.config.site_files import (
@@ -137,8 +137,8 @@ def test_an_offset_moves_the_controllers_own_points_and_not_those_of_an_endpoint
 def test_the_strictest_of_several_maps_satisfies_each_of_them() -> None:
     one = LinkDefaults(timeout_s=0.3, min_gap_s=0.1, min_poll_s=1, max_connections=4, max_registers_per_read=60)
     other = LinkDefaults(timeout_s=0.8, reconnect_min_s=5, max_bits_per_read=16, max_connections=1, tid_echo=False)
-    both = strictest([one, other])
-    assert both == strictest([other, one])
+    both = strictest_needs([one, other])
+    assert both == strictest_needs([other, one])
     assert both == LinkDefaults(
         timeout_s=0.8,
         min_gap_s=0.1,
@@ -152,7 +152,7 @@ def test_the_strictest_of_several_maps_satisfies_each_of_them() -> None:
 
 
 def test_a_controller_without_a_map_has_the_defaults_of_every_link(tmp_path: Path) -> None:
-    assert strictest([]) == LinkDefaults()
+    assert strictest_needs([]) == LinkDefaults()
     assert load(tmp_path, TWO_DEVICES).links["box"] == LinkDefaults()
 
 

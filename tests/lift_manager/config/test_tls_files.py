@@ -101,15 +101,15 @@ API, PLC = "api.tls", "controllers.plc.tls"
 @pytest.mark.parametrize(
     ("spoil", "name", "where", "words"),
     [
-        (remove, "api.pem", [(3, f"{API}.certificate")], "is not there; paths are relative to the site file"),
-        (remove, "link.key", [(5, f"{PLC}.key")], "is not there"),
-        (remove, "ca.pem", [(3, f"{API}.client_ca"), (5, f"{PLC}.ca")], "is not there"),
+        (remove, "api.pem", [(3, f"{API}.certificate")], "does not exist; paths are relative to the site file"),
+        (remove, "link.key", [(5, f"{PLC}.key")], "does not exist"),
+        (remove, "ca.pem", [(3, f"{API}.client_ca"), (5, f"{PLC}.ca")], "does not exist"),
         (garble, "link.pem", [(5, f"{PLC}.certificate")], "holds no certificate that can be read"),
         (garble, "api.key", [(3, f"{API}.key")], "holds no private key that can be read"),
         (lock, "link.key", [(5, f"{PLC}.key")], "is protected by a passphrase, and nobody is there to type it"),
-        (pipe, "link.pem", [(5, f"{PLC}.certificate")], "cannot be read: it is no file, but a pipe or a device"),
-        (pipe, "api.key", [(3, f"{API}.key")], "cannot be read: it is no file, but a pipe or a device"),
-        (pipe, "ca.pem", [(3, f"{API}.client_ca"), (5, f"{PLC}.ca")], "cannot be read: it is no file"),
+        (pipe, "link.pem", [(5, f"{PLC}.certificate")], "cannot be read: it is not a file, but a pipe or a device"),
+        (pipe, "api.key", [(3, f"{API}.key")], "cannot be read: it is not a file, but a pipe or a device"),
+        (pipe, "ca.pem", [(3, f"{API}.client_ca"), (5, f"{PLC}.ca")], "cannot be read: it is not a file"),
         (exchange, "link.key", [(5, f"{PLC}.key")], "does not belong to the certificate"),
         (exchange, "api.key", [(3, f"{API}.key")], "does not belong to the certificate"),
     ],
@@ -185,7 +185,7 @@ def test_a_certificate_from_the_future_points_at_the_clock(tmp_path: Path, autho
     authority.issue("api", "127.0.0.1", since=datetime.now(UTC) + timedelta(days=5))
     (line,) = about_files(load(tmp_path, SECURED))
     assert "is not valid before" in line
-    assert "look whether the clock of this computer is right" in line
+    assert "check the clock of this computer" in line
 
 
 @pytest.mark.parametrize(("mode", "told"), [(0o600, False), (0o640, False), (0o644, True)])
@@ -194,5 +194,5 @@ def test_a_key_that_everybody_can_read_is_a_caution(
 ) -> None:
     (tmp_path / "link.key").chmod(mode)
     lines = about_files(load(tmp_path, SECURED))
-    expected = f"plc: everybody on this computer can read the key {tmp_path / 'link.key'}; `chmod 600` mends it"
+    expected = f"plc: everybody on this computer can read the key {tmp_path / 'link.key'}; `chmod 600` corrects it"
     assert lines == ([expected] if told else [])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.modbus.memory import MemoryDevice
-from lift_manager.app import Building, build
+from lift_manager.app import ManagerParts, build
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lift.refusals import Refusal
@@ -29,7 +29,7 @@ ROBOT = Holder("workshop", "workshop")
 class Running:
     """A manager at work, and the device behind its only link."""
 
-    building: Building
+    building: ManagerParts
     device: MemoryDevice
 
     async def read(self) -> dict[str, dict[Labels, float]]:

@@ -13,7 +13,7 @@ from lift_manager.runtime.recorder import MemoryRecorder
 from tests.support.spine import WORKSHOP, Spine, spine
 from tests.support.virtual_time import elapse, run_virtual
 
-FULL = "the journal has no room: the disk is full"
+FULL = "the journal has no space: the disk is full"
 
 
 def opened(floor: str, lift: Spine) -> bool:

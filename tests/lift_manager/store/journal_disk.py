@@ -16,7 +16,7 @@ from lift_manager.store.chain import StoredRow, row_hash, seed
 from lift_manager.store.committer import Committer
 from lift_manager.store.database import Connect, connect
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened
+from lift_manager.store.site import open_store
 
 SITE = "Main hospital"
 LIFTS = ("east", "goods")
@@ -26,7 +26,7 @@ WITHIN_S = 20.0
 
 def journal(path: Path, connect: Connect = connect, **more: Any) -> Committer:
     limits = Limits(more.pop("keep_days", 400), more.pop("max_mb", 500))
-    return opened(path, SITE, LIFTS, limits, connect=connect, **more)
+    return open_store(path, SITE, LIFTS, limits, connect=connect, **more)
 
 
 def press(number: int, text: str = "about to press the call to L3") -> Row:

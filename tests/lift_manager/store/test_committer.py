@@ -18,7 +18,7 @@ import pytest
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import ANSWER_S, END_S, Committer
-from lift_manager.store.site import read_site
+from lift_manager.store.site import read_records_of_site
 from tests.lift_manager.store.journal_disk import (
     LIFTS,
     SITE,
@@ -57,7 +57,7 @@ async def trouble(kept: Committer, words: str) -> None:
 
 
 def kept_of(path: Path) -> Mapping[str, SavedLift]:
-    return read_site(path, SITE, LIFTS)
+    return read_records_of_site(path, SITE, LIFTS)
 
 
 @pytest.fixture
@@ -228,7 +228,7 @@ def test_a_disk_that_takes_nothing_leaves_what_is_kept_in_force_and_takes_the_ne
             disk.hook = read_only
             kept.keep("east", EVERYTHING)
             waiting = kept.written("east")
-            assert "what people say is in force but not kept over a restart" in await told.get()
+            assert "decisions of people are in force but do not survive a restart" in await told.get()
             assert kept.recall("east") == EVERYTHING
             assert waiting is not None
             assert not waiting.done()
@@ -261,7 +261,7 @@ def test_a_press_is_answered_only_after_its_commit(path: Path, hanging: Hanging)
 @pytest.mark.parametrize(
     ("refuse", "words"),
     [
-        (full, "has no room: the disk is full (database or disk is full, SQLITE_FULL)"),
+        (full, "has no space: the disk is full (database or disk is full, SQLITE_FULL)"),
         (read_only, "cannot be written: this user may only read it, or the disk is read-only"),
     ],
 )
@@ -279,8 +279,8 @@ def test_a_disk_that_refuses_is_told_once_and_everything_is_written_when_it_take
             why = await told.get()
             assert refused == why == kept.trouble
             assert f"the store {path} {words}" in why
-            assert "until it can be written nothing is pressed, while releases and states go on" in why
-            assert "it is tried again by itself" in why
+            assert "until it can be written nothing is pressed, while releases and states continue" in why
+            assert "the manager retries by itself" in why
             assert kept.before(press(2)).result() == why
             kept.note(Row(RowKind.OUTCOME, "not pressed"))
             disk.opened.clear()
@@ -333,7 +333,7 @@ def test_a_folder_that_cannot_be_made_is_trouble_until_it_can(tmp_path: Path) ->
     async def main() -> None:
         kept = journal(path)
         async with writing(kept) as told:
-            assert "see to it that its folder is there" in await told.get()
+            assert "check that its folder exists" in await told.get()
             (tmp_path / "file").unlink()
             assert await told.get() == ""
             assert await kept.before(press(1)) is None
@@ -377,7 +377,7 @@ def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(path: Path, han
             answer = kept.before(press(1))
             await asyncio.to_thread(hanging.hung.wait)
             kept.note(press(2))
-        assert "the manager ends" in str(answer.result())
+        assert "the manager is stopping" in str(answer.result())
 
     begun = time.monotonic()
     asyncio.run(main())
@@ -503,7 +503,7 @@ def test_an_older_copy_without_a_log_is_not_gone_on_with(path: Path) -> None:
             refused = await kept.before(press(3))
             assert refused == await told.get()
             await trouble(kept, "is not as this manager left it: its newest row is 2, and row 3 was written")
-            assert "put the right file back, or restart the manager to go on with this one" in kept.trouble
+            assert "put the right file back, or restart the manager to continue with this one" in kept.trouble
             assert told.empty(), "it is the same trouble in other words"
 
     asyncio.run(main())
@@ -518,7 +518,7 @@ def test_a_journal_that_another_program_writes_to_is_trouble_while_it_does(path:
             with opened_raw(path) as other:
                 other.execute("BEGIN IMMEDIATE")
                 assert "is locked by another program (database is locked" in str(await kept.before(press(1)))
-                assert "end the program that has it open" in await told.get()
+                assert "stop the program that has it open" in await told.get()
                 other.execute("ROLLBACK")
                 assert await told.get() == ""
 
@@ -529,7 +529,9 @@ def test_a_journal_that_another_program_writes_to_is_trouble_while_it_does(path:
 def test_rows_that_too_many_wait_before_are_counted_by_kind_in_their_place(path: Path, hanging: Hanging) -> None:
     async def main() -> None:
         seconds = count()
-        kept = journal(path, Disk(hanging), kept_rows=10, clock=lambda: datetime.fromtimestamp(next(seconds), UTC))
+        kept = journal(
+            path, Disk(hanging), max_queued_rows=10, clock=lambda: datetime.fromtimestamp(next(seconds), UTC)
+        )
         async with writing(kept):
             assert await kept.before(press(0)) is None
             hanging.through.clear()

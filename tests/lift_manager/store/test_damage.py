@@ -106,7 +106,7 @@ def test_nothing_starts_on_a_store_whose_records_are_not_as_they_were_written(
         journal(locked_out)
     why = str(refused.value)
     assert why.startswith(f"{locked_out} ")
-    assert "it says which lifts were locked out or had a fire, so nothing starts without it" in why
+    assert "it records which lifts were locked out or had a fire, so nothing starts without it" in why
     assert "let a person check every lift for a fire, a lockout and a robot in its car" in why
     assert locked_out.read_bytes() == before
 
@@ -145,10 +145,8 @@ def test_a_manager_starts_on_a_damaged_journal_presses_nothing_and_goes_on_when_
             why = await told.get()
             assert kept.trouble == why
             assert f"the store {path} " in why
-            assert "until it can be written nothing is pressed, while releases and states go on" in why
-            assert (
-                "while the manager runs, move it to another folder, with what is beside it under the same name" in why
-            )
+            assert "until it can be written nothing is pressed, while releases and states continue" in why
+            assert "while the manager runs, move it to another folder, together with the file of the same name" in why
             assert kept.before(press(1)).result() == why
             assert await asyncio.to_thread(path.read_bytes) == before
             await asyncio.to_thread(path.rename, path.with_name("away"))
@@ -232,7 +230,7 @@ def test_a_damaged_row_among_the_oldest_is_a_refusal_to_cut_and_ends_nobody(
     sql(f"UPDATE rows SET {column} = 'x' WHERE seq IN (1, 60)")(path)
     assert started_on(path).trouble == ""
     assert count(path) == 62 + MORE
-    (line,) = [line for line in caplog.messages if "the oldest rows were not cut off" in line]
-    assert f"{path}: the oldest rows were not cut off: row " in line
-    assert "holds what no manager writes" in line
-    assert "see what `lift-manager audit --verify` says of it" in line
+    (line,) = [line for line in caplog.messages if "the oldest rows could not be removed" in line]
+    assert f"{path}: the oldest rows could not be removed: row " in line
+    assert "has a value that no manager writes" in line
+    assert "run `lift-manager audit --verify` for details" in line

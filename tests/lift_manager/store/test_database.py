@@ -74,22 +74,22 @@ def pragma(statement: str) -> Callable[[Path], None]:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (make_foreign, "is no store of a lift manager; give this site another folder with `state:`"),
+        (make_foreign, "is not a store of a lift manager; give this site another folder with `state:`"),
         (
             lambda path: path.write_bytes(b"a letter, and not a database " * 50),
-            "is no store of a lift manager, or is",
+            "is not a store of a lift manager, or is",
         ),
         (lambda path: path.touch(), "is empty; while the manager runs, move it to another folder"),
         (
             pragma("PRAGMA user_version = 2"),
             "is version 2 of a store, and this program reads versions up to 1; start the newer program",
         ),
-        (pragma("PRAGMA user_version = 0"), "is damaged (it does not say which version it is)"),
-        (pragma("DROP TABLE about"), "is no store of a lift manager, or is damaged (no such table: about)"),
-        (pragma("DROP TABLE rows"), "is no store of a lift manager, or is damaged (no such table: rows)"),
-        (pragma("DROP TABLE head"), "is no store of a lift manager, or is damaged (no such table: head)"),
+        (pragma("PRAGMA user_version = 0"), "is damaged (it has no version)"),
+        (pragma("DROP TABLE about"), "is not a store of a lift manager, or is damaged (no such table: about)"),
+        (pragma("DROP TABLE rows"), "is not a store of a lift manager, or is damaged (no such table: rows)"),
+        (pragma("DROP TABLE head"), "is not a store of a lift manager, or is damaged (no such table: head)"),
         (pragma("DELETE FROM head"), "is damaged (it does not say which row is the newest)"),
-        (pragma("DELETE FROM about"), "is damaged (it does not say of which site it is)"),
+        (pragma("DELETE FROM about"), "is damaged (it does not name its site)"),
         (pragma("UPDATE rows SET text = 'nothing' WHERE seq = 3"), "was changed: row 3 does not follow from the row"),
         (pragma("DELETE FROM rows WHERE seq = 2"), "was changed: row 3 does not follow from the row"),
         (pragma("DELETE FROM rows WHERE seq = 3"), "was changed: row 3 was the newest, and row 2 is"),
@@ -112,7 +112,7 @@ def test_what_is_no_store_of_this_site_is_refused_in_words_and_left_as_it_is(
 def test_a_renamed_site_is_told_what_to_do(path: Path) -> None:
     create_database(path, "Harbour office")
     words = refused(path)
-    assert "if that is the former name of this one, give it that name again until people have ended what keeps" in words
+    assert "is the former name of this one, use that name again until people have ended what keeps" in words
 
 
 def test_a_store_that_begins_beside_another_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -122,7 +122,7 @@ def test_a_store_that_begins_beside_another_says_so(tmp_path: Path, caplog: pyte
     caplog.clear()
     write_presses(second, 1)
     (line,) = [line for line in caplog.messages if "begins" in line]
-    assert line.startswith(f"the store {second} begins; another lies beside it: {first}; ")
+    assert line.startswith(f"{second} is a new store; there are others in its folder: {first}; ")
     write_presses(second, 1)
     assert len([line for line in caplog.messages if "begins" in line]) == 1
 

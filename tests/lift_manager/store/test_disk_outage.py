@@ -15,7 +15,7 @@ from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.bus import Event
 from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.store.committer import ANSWER_S, Committer
-from lift_manager.store.outage import CALM_COMMITS
+from lift_manager.store.outage import COMMITS_TO_RECOVER
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
 from tests.lift_manager.runtime.scripted import Bench, on_bench
@@ -118,7 +118,7 @@ def test_a_commit_that_ended_too_late_is_no_recovery_and_nobody_has_to_hear_of_i
 
 
 def test_a_disk_that_is_slow_every_other_time_does_not_flicker(path: Path) -> None:
-    quick = [QUICK_S] * (CALM_COMMITS - 1)
+    quick = [QUICK_S] * (COMMITS_TO_RECOVER - 1)
     why, end = told_by(path, [SLOW_S, *quick, SLOW_S, *quick, QUICK_S])
     assert ("the disk has not answered" in why, end) == (True, "")
 
@@ -140,7 +140,7 @@ def test_a_disk_that_is_silent_again_soon_has_to_be_in_time_twice_as_often(path:
                 await kept.settled()
         return needed
 
-    assert run_virtual(main) == [CALM_COMMITS, 2 * CALM_COMMITS]
+    assert run_virtual(main) == [COMMITS_TO_RECOVER, 2 * COMMITS_TO_RECOVER]
 
 
 def test_a_trouble_that_is_over_is_one_row_for_the_site_and_says_from_when_to_when_and_why(path: Path) -> None:
@@ -180,7 +180,7 @@ def test_while_nothing_waits_it_is_tried_with_a_real_write(path: Path) -> None:
             assert await told.get()
             assert await told.get() == ""
             page_and_head = 4096 + 24
-            assert log.stat().st_size >= before + (1 + CALM_COMMITS) * page_and_head
+            assert log.stat().st_size >= before + (1 + COMMITS_TO_RECOVER) * page_and_head
 
     run_virtual(main)
 

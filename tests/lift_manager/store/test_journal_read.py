@@ -12,7 +12,7 @@ from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.read import (
-    ALL,
+    ALL_ROWS,
     BATCH,
     Follower,
     NewRows,
@@ -48,7 +48,7 @@ class Manager:
     def cut_through(self, seq: int) -> None:
         """Go on a day after this row, when those up to it are too old."""
         check = True
-        while self._store.tend(T0 + DAY + seq * 1_000_000, check=check).more:
+        while self._store.do_upkeep(T0 + DAY + seq * 1_000_000, check=check).more:
             check = False
 
     def end(self) -> None:
@@ -66,7 +66,7 @@ def texts(rows: NewRows | Iterable[StoredRow]) -> list[str]:
     return [row.text for row in (rows.rows if isinstance(rows, NewRows) else rows)]
 
 
-def all_texts(path: Path, wanted: RowFilter = ALL) -> list[str]:
+def all_texts(path: Path, wanted: RowFilter = ALL_ROWS) -> list[str]:
     with open_journal(path) as reader:
         found = texts(reader.rows(wanted))
         assert texts(reader.newest(wanted, 10**6)) == found
@@ -97,10 +97,10 @@ def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_ba
     count = 2 * BATCH + 5
     manager.write(*(f"{n}" for n in range(1, count + 1)))
     with open_journal(manager.path) as reader:
-        assert texts(reader.newest(ALL, 3)) == [f"{count - 2}", f"{count - 1}", f"{count}"]
-        assert texts(reader.newest(ALL, 2, upto=7)) == ["6", "7"]
+        assert texts(reader.newest(ALL_ROWS, 3)) == [f"{count - 2}", f"{count - 1}", f"{count}"]
+        assert texts(reader.newest(ALL_ROWS, 2, upto=7)) == ["6", "7"]
         assert texts(reader.newest(RowFilter(until=T0 + 2_000_000), 9)) == ["1", "2"]
-        assert list(reader.newest(ALL, 0)) == []
+        assert list(reader.newest(ALL_ROWS, 0)) == []
         assert len(list(reader.rows())) == count
         assert texts(reader.rows(after=count - 1)) == [f"{count}"]
         assert (reader.first(), reader.last(), reader.row(count + 1)) == (1, count, None)
@@ -109,8 +109,13 @@ def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_ba
 def test_a_journal_without_rows_has_none(manager: Manager) -> None:
     manager.write()
     with open_journal(manager.path) as reader:
-        assert (list(reader.rows()), list(reader.newest(ALL, 5)), reader.first(), reader.last()) == ([], [], None, None)
-        assert reader.newest_of(RowKind.ANCHOR) is None
+        assert (list(reader.rows()), list(reader.newest(ALL_ROWS, 5)), reader.first(), reader.last()) == (
+            [],
+            [],
+            None,
+            None,
+        )
+        assert reader.newest_seq_of(RowKind.ANCHOR) is None
         assert reader.site == SITE
 
 
@@ -118,7 +123,7 @@ def test_the_newest_row_of_a_kind_is_found_in_any_batch(manager: Manager) -> Non
     manager.write("old", "x", kind="anchor")
     manager.write(*(f"{n}" for n in range(BATCH + 3)))
     with open_journal(manager.path) as reader:
-        assert reader.newest_of(RowKind.ANCHOR) == 2
+        assert reader.newest_seq_of(RowKind.ANCHOR) == 2
 
 
 def test_a_reader_in_the_middle_of_its_rows_does_not_keep_the_writer_from_carrying_its_log_over(
@@ -165,9 +170,9 @@ def test_a_copy_with_its_log_is_read_to_its_newest_row(manager: Manager, tmp_pat
 
 
 @contextmanager
-def following(manager: Manager, wanted: RowFilter = ALL) -> Iterator[Follower]:
+def following(manager: Manager, wanted: RowFilter = ALL_ROWS) -> Iterator[Follower]:
     with open_journal(manager.path) as reader:
-        newest = next(iter(reader.newest(ALL, 1)), None)
+        newest = next(iter(reader.newest(ALL_ROWS, 1)), None)
     follower = Follower(manager.path, wanted, newest)
     try:
         yield follower
@@ -178,34 +183,34 @@ def following(manager: Manager, wanted: RowFilter = ALL) -> Iterator[Follower]:
 def test_a_follower_tells_each_new_row_once(manager: Manager) -> None:
     manager.write("a")
     with following(manager, RowFilter(lift="east")) as follower:
-        assert follower.news() == NewRows()
+        assert follower.poll() == NewRows()
         manager.write("b", "c")
         manager.write("d", lift="west")
-        assert texts(follower.news()) == ["b", "c"]
-        assert follower.news() == NewRows()
+        assert texts(follower.poll()) == ["b", "c"]
+        assert follower.poll() == NewRows()
         manager.write("e")
-        assert texts(follower.news()) == ["e"]
+        assert texts(follower.poll()) == ["e"]
 
 
 def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Manager) -> None:
     manager.write()
     with following(manager) as follower:
-        assert follower.news() == NewRows()
+        assert follower.poll() == NewRows()
         manager.write("a")
-        assert texts(follower.news()) == ["a"]
+        assert texts(follower.poll()) == ["a"]
 
 
 def test_a_follower_goes_on_over_a_cut_and_over_a_restart_of_the_manager(manager: Manager) -> None:
     manager.write("a", "b", "c")
     with following(manager) as follower:
-        assert follower.news() == NewRows()
+        assert follower.poll() == NewRows()
         manager.cut_through(2)
-        assert follower.news().cut is None
+        assert follower.poll().cut is None
         manager.end()
-        assert follower.news() == NewRows()
+        assert follower.poll() == NewRows()
         again = Manager(manager.path)
         again.write("d")
-        assert texts(follower.news()) == ["d"]
+        assert texts(follower.poll()) == ["d"]
         again.end()
 
 
@@ -214,23 +219,23 @@ def test_a_follower_tells_which_rows_were_cut_before_it_could_read_them(manager:
     with following(manager) as follower:
         manager.write("b", "c", "d")
         manager.cut_through(3)
-        news = follower.news()
-        assert (texts(news), news.cut) == (["d", "rows 1 to 3 go: they are too old"], (2, 3))
+        news = follower.poll()
+        assert (texts(news), news.cut) == (["d", "rows 1 to 3 removed: they are too old"], (2, 3))
 
 
 def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager, tmp_path: Path) -> None:
     manager.write("a", "b")
     with following(manager) as follower:
-        assert follower.news() == NewRows()
+        assert follower.poll() == NewRows()
         manager.end()
         for file in tmp_path.glob("x.db*"):
             file.rename(tmp_path / f"old-{file.name}")
         other = Manager(manager.path)
         other.write("as old as the last that was told", "x", "y")
-        news = follower.news()
+        news = follower.poll()
         assert (texts(news), news.replaced) == (["y"], True)
         other.write("z")
-        news = follower.news()
+        news = follower.poll()
         assert (texts(news), news.replaced) == (["z"], False)
         other.end()
 
@@ -238,7 +243,7 @@ def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager,
 def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(manager: Manager, tmp_path: Path) -> None:
     manager.write("a", "b")
     with following(manager) as follower:
-        assert follower.news() == NewRows()
+        assert follower.poll() == NewRows()
         manager.end()
         with closing(sqlite3.connect(manager.path)) as old, closing(sqlite3.connect(tmp_path / "copy")) as copy:
             old.backup(copy)
@@ -247,7 +252,7 @@ def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(man
         (tmp_path / "copy").rename(manager.path)
         again = Manager(manager.path)
         again.write("c")
-        news = follower.news()
+        news = follower.poll()
         assert (texts(news), news.replaced) == (["c"], False)
         again.end()
 
@@ -257,14 +262,14 @@ def test_a_file_that_is_locked_is_told_in_words_and_a_follower_waits_for_it(mana
     with open_journal(manager.path) as reader:
         first = reader.row(1)
     manager.end()
-    follower = Follower(manager.path, ALL, first, busy_s=0.01)
+    follower = Follower(manager.path, ALL_ROWS, first, busy_s=0.01)
     with closing(sqlite3.connect(manager.path, isolation_level=None)) as other:
         other.execute("PRAGMA locking_mode = EXCLUSIVE")
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(JournalBusy, match="is locked by another program"):
             open_journal(manager.path, busy_s=0.01)
-        assert follower.news() == NewRows()
-    assert texts(follower.news()) == ["b"]
+        assert follower.poll() == NewRows()
+    assert texts(follower.poll()) == ["b"]
     follower.close()
 
 
@@ -279,14 +284,14 @@ def test_what_is_no_journal_is_told_in_words(tmp_path: Path) -> None:
         return str(error.value)
 
     assert "no manager has run for this site" in told("none.db")
-    assert "look where it is" in told("none.db", copy=True)
+    assert "check the path" in told("none.db", copy=True)
     assert "is a folder" in told(".")
     assert "is empty" in told("empty.db", b"")
-    assert "is no journal, or is damaged (file is not a database)" in told("words.db", b"what people said " * 300)
+    assert "is not a journal, or is damaged (file is not a database)" in told("words.db", b"what people said " * 300)
     for name, pragmas, what in (
-        ("other.db", "PRAGMA application_id = 7", "is no store of a lift manager"),
+        ("other.db", "PRAGMA application_id = 7", "is not a store of a lift manager"),
         ("newer.db", "PRAGMA application_id = 0x4C494654; PRAGMA user_version = 2", "reads versions up to 1"),
-        ("none.db", "PRAGMA application_id = 0x4C494654; PRAGMA user_version = 0", "does not say which version it is"),
+        ("none.db", "PRAGMA application_id = 0x4C494654; PRAGMA user_version = 0", "it has no version"),
         ("bare.db", "PRAGMA application_id = 0x4C494654; PRAGMA user_version = 1", "damaged (no such table: about)"),
     ):
         with closing(sqlite3.connect(tmp_path / name)) as file:
@@ -297,11 +302,11 @@ def test_what_is_no_journal_is_told_in_words(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        ("at = 'noon'", "row 2 has 'noon' for its time"),
-        ("at = 9223372036854775807", "row 2 has 9223372036854775807 for its time"),
-        ("at = -62135596800000000", "row 2 has -62135596800000000 for its time"),
-        ("caller = x'00'", "row 2 has no text for its caller"),
-        ("hash = 'x'", "row 2 has no bytes for its hash"),
+        ("at = 'noon'", "row 2 has 'noon' as its time"),
+        ("at = 9223372036854775807", "row 2 has 9223372036854775807 as its time"),
+        ("at = -62135596800000000", "row 2 has -62135596800000000 as its time"),
+        ("caller = x'00'", "row 2 has no text as its caller"),
+        ("hash = 'x'", "row 2 has no bytes as its hash"),
     ],
 )
 def test_a_row_that_no_manager_has_written_is_named(manager: Manager, change: str, what: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.committer import Committer
-from lift_manager.store.retention import BITE_DAYS, STEP_ROWS, Limits
+from lift_manager.store.retention import MAX_DAYS_PER_CUT, STEP_ROWS, Limits
 from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import PendingRow, UpkeepStep
 from tests.lift_manager.store.journal_disk import SITE, journal, opened_raw, press, stored, writing
@@ -38,9 +38,9 @@ def fill(path: Path, ats: list[datetime], text: str = "said") -> None:
 def tended(path: Path, limits: Limits, now: datetime) -> list[UpkeepStep]:
     """Do everything that one check finds to do."""
     store = SqliteStore(path, SITE, limits)
-    done = [store.tend(micros(now), check=True)]
+    done = [store.do_upkeep(micros(now), check=True)]
     while done[-1].more:
-        done.append(store.tend(micros(now), check=False))
+        done.append(store.do_upkeep(micros(now), check=False))
     store.close()
     return done
 
@@ -55,7 +55,7 @@ def test_rows_go_by_age_and_those_that_stay_verify_from_the_anchor(path: Path) -
     assert max(ages(path, START + 10 * DAY)) == 9
     rows = stored(path)
     assert (rows[0].seq, rows[-1].kind) == (5, "anchor")
-    assert rows[-1].text == "rows 1 to 4 go: they are too old"
+    assert rows[-1].text == "rows 1 to 4 removed: they are too old"
     said = json.loads(rows[-1].data)
     assert (said["from"], said["through"], said["rows"]) == (1, 4, 4)
 
@@ -71,9 +71,9 @@ def test_a_clock_that_runs_wild_takes_a_bite_and_no_more_however_often_the_manag
     wild = START.replace(year=2099)
     for seconds in range(0, 20, 2):  # as systemd starts it
         tended(path, Limits(400, 500), wild + timedelta(seconds=seconds))
-        assert stored(path)[0].seq == 1 + 4 * BITE_DAYS
+        assert stored(path)[0].seq == 1 + 4 * MAX_DAYS_PER_CUT
     tended(path, Limits(400, 500), wild + timedelta(hours=21))
-    assert stored(path)[0].seq == 1 + 8 * BITE_DAYS
+    assert stored(path)[0].seq == 1 + 8 * MAX_DAYS_PER_CUT
 
 
 def test_a_clock_that_is_before_the_newest_row_is_not_believed(path: Path) -> None:
@@ -126,7 +126,7 @@ def test_rows_go_by_size_and_the_file_shrinks(path: Path) -> None:
     rows = stored(path)
     assert 600 < len(rows) < 1_000
     assert len(steps) < 60
-    assert rows[-1].text.endswith("go: the journal is too large")
+    assert rows[-1].text.endswith("removed: the journal is too large")
     assert max(json.loads(row.data)["rows"] for row in rows if row.kind == "anchor") == STEP_ROWS
     with opened_raw(path) as connection:
         assert connection.execute("PRAGMA freelist_count").fetchone() == (0,)
@@ -139,8 +139,8 @@ def test_a_crash_after_any_step_of_a_cut_costs_nothing(path: Path) -> None:
     more = True
     while more:
         store = SqliteStore(path, SITE, Limits(400, 1))
-        store.tend(micros(START), check=True)  # the first step after a start carries the log over
-        step = store.tend(micros(START), check=True)
+        store.do_upkeep(micros(START), check=True)  # the first step after a start carries the log over
+        step = store.do_upkeep(micros(START), check=True)
         store.close()
         seen.append(stored(path)[0].seq)
         more = step.more

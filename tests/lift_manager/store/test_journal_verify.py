@@ -18,7 +18,7 @@ from lift_manager.lift import journal as domain
 from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
-from lift_manager.store.read import ALL, Reader, RowFilter, open_journal
+from lift_manager.store.read import ALL_ROWS, Reader, RowFilter, open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import PendingRow
@@ -140,7 +140,7 @@ def test_a_whole_journal_holds_and_so_does_one_that_was_cut_and_one_without_rows
 def test_rows_that_an_anchor_let_go_must_not_be_back() -> None:
     broken = found(rows_of(LAST, anchors={ANCHOR: CUT})[2:])
     assert broken.seq == 3
-    assert f"was put in: anchor row {ANCHOR} says that rows up to {CUT} were cut" in str(broken)
+    assert f"was inserted: according to anchor row {ANCHOR} rows up to {CUT} were removed" in str(broken)
 
 
 @pytest.mark.parametrize("which", ["whole", "cut"])
@@ -149,8 +149,8 @@ def test_rows_that_are_cut_off_at_the_end_are_found(which: str) -> None:
     broken = found(rows[:-1], head=rows[-1])
     assert str(broken) == f"row {LAST} is missing: row {LAST} was the newest, and the journal ends with row {LAST - 1}"
     assert found(rows[:-3], head=rows[-1]).seq == LAST - 2
-    assert str(found([], head=rows[-1])) == f"row {LAST} is missing: it was the newest, and there are no rows"
-    assert str(found(rows, head=rows[-2])) == f"row {LAST} was put in: row {LAST - 1} was the newest"
+    assert str(found([], head=rows[-1])) == f"row {LAST} is missing: it was the newest row, and there are no rows"
+    assert str(found(rows, head=rows[-2])) == f"row {LAST} was inserted: row {LAST - 1} was the newest"
 
 
 JOURNALS = {"whole": rows_of(LAST), "cut": CUT_ROWS}
@@ -222,7 +222,7 @@ def test_rows_that_are_cut_off_at_the_beginning_without_an_anchor_are_found() ->
     assert str(found(rows_of(9)[1:])).startswith("row 1 is missing, and no row of the kind `anchor`")
     broken = found(CUT_ROWS[2:])
     assert broken.seq == CUT + 1
-    assert f"anchor row {ANCHOR} says that rows up to {CUT} were cut, no further" in str(broken)
+    assert f"according to anchor row {ANCHOR} rows up to {CUT} were removed, no further" in str(broken)
     assert found(CUT_ROWS[-2:]).seq == 1
 
 
@@ -247,7 +247,7 @@ def test_an_anchor_that_is_forged_is_found() -> None:
     for data in ("{}", "[]", "", '{"through":5}', '{"through":"5","hash":""}', "[" * 100_000):
         fields = (10, T0, "anchor", "", "", "rows go", data)
         broken = found([*rows[4:], (*fields, digest(last[7], fields))])
-        assert (broken.seq, "does not say what was cut" in str(broken)) == (10, True)
+        assert (broken.seq, "without the rows that were removed" in str(broken)) == (10, True)
 
 
 def test_a_changed_row_and_a_changed_anchor_are_told_by_the_first() -> None:
@@ -273,7 +273,7 @@ def test_rows_that_a_manager_cuts_while_they_are_walked_are_no_fault(tmp_path: P
     class Cutting(Reader):
         """Its third row is the last of a batch, and the manager cuts before the next."""
 
-        def rows(self, wanted: RowFilter = ALL, after: int | None = None) -> Iterator[StoredRow]:
+        def rows(self, wanted: RowFilter = ALL_ROWS, after: int | None = None) -> Iterator[StoredRow]:
             for row in super().rows(wanted, after):
                 yield row
                 if row.seq == 3:
@@ -299,7 +299,7 @@ def test_a_row_that_was_noted_earlier_is_compared() -> None:
     assert holds(rows, sealed(rows[6])[:18].upper()).rows == LAST
     assert holds(CUT_ROWS, sealed(rows[CUT - 1])).first == CUT + 1
     gone = found(CUT_ROWS, sealed(rows[1]))
-    assert str(gone).startswith("row 2 cannot be compared: it was cut with all rows before row 6")
+    assert str(gone).startswith("row 2 cannot be compared: it was removed with all rows before row 6")
     assert found(CUT_ROWS, f"{CUT}:{'0' * 64}").seq == CUT
 
 
@@ -308,9 +308,7 @@ def test_rows_that_were_gone_when_a_seal_was_noted_must_not_be_back() -> None:
     assert holds(CUT_ROWS, f"{sealed(CUT_ROWS[-1])} from 1").first == CUT + 1
     rows = rows_of(LAST)
     back = found(rows, f"{sealed(rows[-1])} from {CUT + 1}")
-    assert (
-        str(back) == "row 1 is there, and was gone when the seal was noted, which begins with row 6: rows were put in"
-    )
+    assert str(back) == "row 1 exists, and did not when the seal was noted, which begins with row 6: rows were inserted"
 
 
 def test_only_a_row_that_was_noted_shows_that_everything_was_written_anew() -> None:
@@ -324,7 +322,7 @@ def test_only_a_row_that_was_noted_shows_that_everything_was_written_anew() -> N
         before = digest(before, fields)
         chained.append((*fields, before))
     assert holds(chained).rows == LAST
-    assert "was written anew" in str(found(chained, noted))
+    assert "was rewritten" in str(found(chained, noted))
 
 
 @pytest.mark.parametrize(

@@ -27,8 +27,8 @@ def made(path: Path, name: str = "amr-1", role: Role = Role.OPERATOR, lifts: tup
     return make_key(path, SITE, Key("", name, role, lifts), by="weber", at=AT)
 
 
-def watched(path: Path, *, open_without: bool = True) -> KeyFile:
-    return KeyFile(path, SITE, open_without=open_without)
+def watched(path: Path, *, open_without_keys: bool = True) -> KeyFile:
+    return KeyFile(path, SITE, open_without_keys=open_without_keys)
 
 
 @pytest.fixture
@@ -46,9 +46,9 @@ def test_the_file_is_beside_that_of_the_state_and_for_its_user_alone(path: Path)
 def test_a_key_that_was_made_is_found_and_another_is_not(path: Path) -> None:
     first, second = made(path), made(path, "amr-2", Role.ROBOT, ("east",))
     keys = watched(path)
-    assert keys.needed
+    assert keys.are_required
     assert keys.names == ("amr-1", "amr-2")
-    by_name = {name: keys.named(name) for name in ("amr-1", "amr-2", "amr")}
+    by_name = {name: keys.find_by_name(name) for name in ("amr-1", "amr-2", "amr")}
     assert {name: key is not None for name, key in by_name.items()} == {"amr-1": True, "amr-2": True, "amr": False}
     assert keys.find(second) == by_name["amr-2"]
     for secret, name, lifts in ((first, "amr-1", ()), (second, "amr-2", ("east",))):
@@ -89,8 +89,8 @@ def test_a_key_that_is_not_there_cannot_be_revoked_and_the_live_ones_are_named(p
 
 
 def test_a_site_without_a_file_has_no_key_and_is_open_only_where_that_is_said(path: Path) -> None:
-    assert not watched(path).needed
-    assert watched(path, open_without=False).needed
+    assert not watched(path).are_required
+    assert watched(path, open_without_keys=False).are_required
     assert not path.parent.exists()
 
 
@@ -103,7 +103,7 @@ GOOD = {"format": "lift-manager keys", "version": 1, "site": SITE, "keys": []}
         ("", "is damaged"),
         ("{}", "is damaged"),
         (json.dumps(GOOD | {"format": "lift-manager state"}), "is damaged"),
-        (json.dumps(GOOD | {"version": 2}), "is version 2"),
+        (json.dumps(GOOD | {"version": 2}), "has version 2"),
         (json.dumps(GOOD | {"site": "Clinic"}), "belongs to the site 'Clinic'"),
         (json.dumps(GOOD | {"keys": [{"id": "x"}]}), "is damaged"),
         (json.dumps(GOOD | {"more": 1}), "is damaged"),
@@ -161,7 +161,7 @@ class Watch:
         self.rows.append(row)
         self._news.set()
 
-    async def news(self) -> None:
+    async def poll(self) -> None:
         async with asyncio.timeout(1.0):
             await self._news.wait()
         self._news.clear()
@@ -172,10 +172,10 @@ def test_a_running_manager_knows_of_a_made_and_a_revoked_key_within_a_second(pat
         watch = Watch(path)
         running = asyncio.create_task(watch.keys.run(watch.note))
         secret = made(path, "amr-1", Role.ROBOT, ("east", "west"))
-        await watch.news()
+        await watch.poll()
         assert watch.keys.find(secret) is not None
         revoke_key(path, SITE, "amr-1", by="beck", at=AT)
-        await watch.news()
+        await watch.poll()
         assert watch.keys.find(secret) is None
         running.cancel()
         assert [row.text for row in watch.rows] == [
@@ -197,19 +197,19 @@ def spoil(path: Path, damage: str) -> None:
             path.chmod(0o666)
 
 
-@pytest.mark.parametrize("open_without", [True, False])
+@pytest.mark.parametrize("open_without_keys", [True, False])
 def test_a_file_that_is_gone_at_a_start_although_there_were_keys_is_refused_in_words(
-    path: Path, *, open_without: bool
+    path: Path, *, open_without_keys: bool
 ) -> None:
-    watched(path, open_without=open_without)
+    watched(path, open_without_keys=open_without_keys)
     made(path)
     path.unlink()
     with pytest.raises(KeysUnusable) as caught:
-        watched(path, open_without=open_without)
-    assert f"{path} is gone, though there were keys" in str(caught.value)
-    assert "put back a copy of it, or make keys" in str(caught.value)
+        watched(path, open_without_keys=open_without_keys)
+    assert f"{path} is gone, although there were keys" in str(caught.value)
+    assert "restore a copy of it, or make keys" in str(caught.value)
     made(path)
-    assert watched(path, open_without=open_without).needed
+    assert watched(path, open_without_keys=open_without_keys).are_required
 
 
 def test_a_site_that_is_to_have_no_keys_any_more_is_served_without_once_its_lock_is_removed(path: Path) -> None:
@@ -218,13 +218,13 @@ def test_a_site_that_is_to_have_no_keys_any_more_is_served_without_once_its_lock
     with pytest.raises(KeysUnusable, match=f"remove {path}.lock"):
         watched(path)
     path.with_name(f"{path.name}.lock").unlink()
-    assert not watched(path).needed
+    assert not watched(path).are_required
 
 
 def test_a_key_that_could_not_be_revoked_leaves_no_sign_of_keys(path: Path) -> None:
     with pytest.raises(KeysUnusable, match="there is no live key"):
         revoke_key(path, SITE, "amr-1", by="beck", at=AT)
-    assert not watched(path).needed
+    assert not watched(path).are_required
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707])
@@ -287,11 +287,11 @@ def test_a_file_that_goes_bad_under_way_neither_opens_the_door_nor_shuts_it(
         running = asyncio.create_task(watch.keys.run(watch.note))
         spoil(path, damage)
         await asyncio.to_thread(eventually, lambda: caplog.records, 3)
-        assert watch.keys.needed
+        assert watch.keys.are_required
         assert watch.keys.find(secret) is not None
         replace_file(path, good)
         revoke_key(path, SITE, "amr-1", by="beck", at=AT)
-        await watch.news()
+        await watch.poll()
         assert watch.keys.find(secret) is None
         running.cancel()
 

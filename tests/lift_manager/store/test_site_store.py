@@ -14,7 +14,7 @@ from lift_manager.store.database import open_database
 from lift_manager.store.errors import StoreUnusable
 from lift_manager.store.place import store_path
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened, read_site
+from lift_manager.store.site import open_store, read_records_of_site
 from lift_manager.store.sqlite import SqliteStore
 from tests.lift_manager.store.journal_disk import LIFTS, SITE, journal, opened_raw
 from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD
@@ -51,16 +51,16 @@ def files(path: Path) -> dict[str, bytes]:
 def test_reading_changes_nothing_and_needs_no_manager_to_have_ended(path: Path) -> None:
     write_down(path, EVERYTHING)
     before = files(path)
-    assert read_site(path, SITE, LIFTS) == {"east": EVERYTHING}
+    assert read_records_of_site(path, SITE, LIFTS) == {"east": EVERYTHING}
     assert files(path) == before
     running = SqliteStore(path, SITE, LIMITS)
     running.commit({"east": FIRE}, [])
-    assert read_site(path, SITE, LIFTS) == {"east": FIRE}
+    assert read_records_of_site(path, SITE, LIFTS) == {"east": FIRE}
     running.close()
 
 
 def test_a_store_that_is_not_there_holds_nothing_and_is_not_made_by_reading(path: Path) -> None:
-    assert read_site(path, SITE, LIFTS) == {}
+    assert read_records_of_site(path, SITE, LIFTS) == {}
     assert not path.parent.exists()
 
 
@@ -73,15 +73,18 @@ def test_a_folder_where_nothing_can_be_written_keeps_nobody_from_reading(path: P
     shutil.copy(f"{path}-wal", f"{copy}-wal")
     copy.with_name("copy.db-shm").mkdir()
     store.close()
-    assert read_site(copy, SITE, LIFTS) == {"east": FIRE}
+    assert read_records_of_site(copy, SITE, LIFTS) == {"east": FIRE}
 
 
 @pytest.mark.parametrize(
     ("statement", "words"),
     [
-        ("PRAGMA user_version = 2", "is version 2 of a store, and this program reads versions up to 1; it says which"),
-        ("PRAGMA application_id = 7", "is no store of a lift manager; it says which"),
-        ("UPDATE about SET value = 'Villa' WHERE key = 'site'", "belongs to the site 'Villa'; it says which"),
+        (
+            "PRAGMA user_version = 2",
+            "is version 2 of a store, and this program reads versions up to 1; it records which",
+        ),
+        ("PRAGMA application_id = 7", "is not a store of a lift manager; it records which"),
+        ("UPDATE about SET value = 'Villa' WHERE key = 'site'", "belongs to the site 'Villa'; it records which"),
     ],
 )
 def test_a_store_of_another_program_site_or_newer_version_is_refused(path: Path, statement: str, words: str) -> None:
@@ -100,23 +103,23 @@ def test_a_log_whose_store_is_gone_is_not_taken_for_an_empty_folder(path: Path) 
 def test_a_lift_that_is_gone_and_kept_nobody_out_is_carried_along(path: Path) -> None:
     write_down(path, CALM, "gone")
     write_down(path, FIRE)
-    assert read_site(path, SITE, LIFTS) == {"gone": CALM, "east": FIRE}
+    assert read_records_of_site(path, SITE, LIFTS) == {"gone": CALM, "east": FIRE}
 
 
 def test_a_lift_that_is_gone_and_keeps_robots_out_is_asked_for(path: Path) -> None:
     write_down(path, FIRE, "west")
     words = unusable(path)
-    assert "keeps robots off lift 'west', which the site file does not have" in words
+    assert "keeps robots off lift 'west', which is not in the site file" in words
     assert "put it back under that name until a person has ended that" in words
 
 
 def test_a_site_with_a_corrected_name_does_not_forget_what_keeps_robots_out(path: Path) -> None:
     write_down(path.with_name("other.db"), EVERYTHING)
     with pytest.raises(StoreUnusable) as refused:
-        opened(path, "Main hospitals", LIFTS, LIMITS)
+        open_store(path, "Main hospitals", LIFTS, LIMITS)
     said = str(refused.value)
-    assert "other.db beside it keeps robots off lift 'east' of the site 'Main hospital'" in said
-    assert "if that is the former name of this site, give it that name again until people have ended that" in said
+    assert "other.db in the same folder keeps robots off lift 'east' of the site 'Main hospital'" in said
+    assert "if that is the former name of this site, use that name again until people have ended that" in said
 
 
 def test_stores_of_other_buildings_and_other_files_in_the_folder_are_let_be(path: Path) -> None:
@@ -125,15 +128,15 @@ def test_stores_of_other_buildings_and_other_files_in_the_folder_are_let_be(path
     path.with_name("notes.db").write_bytes(b"{")
     path.with_name("empty.db").touch()
     path.with_name("folder.db").mkdir()
-    assert opened(path, "Harbour office", ["north"], LIMITS).recall("north") is None
+    assert open_store(path, "Harbour office", ["north"], LIMITS).recall("north") is None
 
 
 HOLDS = """
 import sys
 from pathlib import Path
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened
-kept = opened(Path(sys.argv[1]), "Main hospital", ["east"], Limits(400, 500))
+from lift_manager.store.site import open_store
+kept = open_store(Path(sys.argv[1]), "Main hospital", ["east"], Limits(400, 500))
 sys.stdout.write("open\\n")
 sys.stdout.flush()
 sys.stdin.read()
@@ -145,9 +148,7 @@ def test_two_managers_do_not_share_a_store(path: Path) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "open\n"
-        with pytest.raises(
-            StoreUnusable, match="another manager that runs on this computer serves a site of this name"
-        ):
+        with pytest.raises(StoreUnusable, match="another manager on this computer already serves a site of this name"):
             journal(path)
         other.communicate("", timeout=10)
     assert journal(path).recall("east") is None

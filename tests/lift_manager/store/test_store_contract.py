@@ -84,7 +84,7 @@ def test_upkeep_ends_and_leaves_what_is_young(again: Again) -> None:
     store = again()
     store.commit({EAST: EVERYTHING}, [noted(1)])
     check = True
-    while store.tend(1_800_000_000_000_002, check=check).more:
+    while store.do_upkeep(1_800_000_000_000_002, check=check).more:
         check = False
     assert list(store.tail(9)) == [noted(1)]
     store.close()

@@ -14,13 +14,13 @@ _SECRETS = {role: digest_of(f"a secret of {role}") for role in Role}
 
 
 @cache  # nothing changes a ring, and `fake.app_of` makes an application for each
-def ring(*roles: Role, open_without: bool = True) -> KeyRing:
+def ring(*roles: Role, open_without_keys: bool = True) -> KeyRing:
     """A live key for each of these roles, named after it."""
     entries = [
         (Key(_NUMBERS[role], f"the {role}", role, (NAMED,) if role in OF_SOME_LIFTS else ()), digest_of(_SECRETS[role]))
         for role in roles
     ]
-    return KeyRing(entries, open_without=open_without)
+    return KeyRing(entries, open_without_keys=open_without_keys)
 
 
 def key(role: Role) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from lift_manager.api.access import Role
 from lift_manager.lift.session import Holder
-from lift_manager.web.access import REFUSED_LINES, REFUSED_WINDOW_S, RefusalLog
+from lift_manager.web.access import MAX_LOGGED_REFUSALS, REFUSAL_WINDOW_S, RefusalLog
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, STATE, FakeSite, ask, ask_app
 from tests.lift_manager.web.keyed import bearing, key, ring
@@ -115,9 +115,10 @@ def test_a_key_that_may_not_is_403_and_says_which_role_or_lift_it_takes(
 
 @everywhere
 def test_a_site_that_is_closed_without_keys_lets_nobody_in(method: str, url: str) -> None:
-    assert ask(FakeSite(), method, url, keys=ring(open_without=False)).status_code == 401
+    assert ask(FakeSite(), method, url, keys=ring(open_without_keys=False)).status_code == 401
     assert (
-        ask(FakeSite(), method, url, keys=ring(open_without=False), headers=bearing(Role.OPERATOR)).status_code == 401
+        ask(FakeSite(), method, url, keys=ring(open_without_keys=False), headers=bearing(Role.OPERATOR)).status_code
+        == 401
     )
 
 
@@ -230,7 +231,7 @@ def test_the_document_names_the_scheme_and_the_roles_and_every_refusal() -> None
                 assert "another_site" in operation["responses"]["403"]["description"]
                 continue
             assert operation["security"] == [{"key": []}, {}]
-            assert "the roles that may: " in operation["description"]
+            assert "allowed roles: " in operation["description"]
             assert {"400", "401", "403", "431", "500"} <= operation["responses"].keys()
             assert "WWW-Authenticate" in operation["responses"]["401"]["headers"]
 
@@ -249,15 +250,15 @@ def test_refusals_are_logged_once_a_minute_for_each_address_and_ten_lines_at_the
     clock = Clock()
     log = RefusalLog(clock)
     for _ in range(1000):
-        log.refused("192.0.2.7", "it has no key")
+        log.log_refusal("192.0.2.7", "it has no key")
     assert caplog.messages == ["a request from 192.0.2.7 was refused: it has no key"]
     for number in range(1000):
-        log.refused(f"192.0.2.{number}", "it has no key")
-    assert len(caplog.messages) == REFUSED_LINES
-    clock.now += REFUSED_WINDOW_S
-    log.refused("192.0.2.7", "it has no key")
-    assert caplog.messages[REFUSED_LINES:] == [
-        f"{2000 - REFUSED_LINES} more requests were refused since, and not logged each",
+        log.log_refusal(f"192.0.2.{number}", "it has no key")
+    assert len(caplog.messages) == MAX_LOGGED_REFUSALS
+    clock.now += REFUSAL_WINDOW_S
+    log.log_refusal("192.0.2.7", "it has no key")
+    assert caplog.messages[MAX_LOGGED_REFUSALS:] == [
+        f"{2000 - MAX_LOGGED_REFUSALS} more requests were refused since, and not logged each",
         "a request from 192.0.2.7 was refused: it has no key",
     ]
 

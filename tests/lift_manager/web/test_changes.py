@@ -8,7 +8,7 @@ from lift_manager.api.access import ROUTES
 from lift_manager.lift.refusals import Blocking, Refusal, Refused
 from lift_manager.lift.session import Holder
 from lift_manager.web.body import LIMIT_BYTES
-from lift_manager.web.codes import REFUSALS
+from lift_manager.web.codes import REFUSAL_CODES
 from register_maps.words import Mode
 from tests.lift_manager.web.changes import CHANGES, HERE, LIFT, change, refused, with_all
 from tests.lift_manager.web.fake import ask
@@ -73,7 +73,7 @@ BLOCKING = Blocking(Holder("rmf", "rmf"), Mode.FIRE, 12.0, 3.5, 2)
 def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(path: str, code: Refusal) -> None:
     no = Refused(code, "because", BLOCKING)
     answer = change(with_all(refuses=no), path)
-    detail = refused(answer, REFUSALS[code].status, code)
+    detail = refused(answer, REFUSAL_CODES[code].status, code)
     if code is Refusal.NO_SUCH_SESSION and "/sessions/" in path:
         return  # one text for every session that is not the caller's
     assert detail == "because"

@@ -10,7 +10,7 @@ import pytest
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.web.connections import LOG_EVERY_S, ConnectionLimits, Connections
 
-LIMITS = ConnectionLimits(total=10, from_others=8, per_client=3, trusted_proxies=(ip_network("192.0.2.128/25"),))
+LIMITS = ConnectionLimits(total=10, remote=8, per_client=3, trusted_proxies=(ip_network("192.0.2.128/25"),))
 HERE = "127.0.0.1"
 
 
@@ -28,15 +28,15 @@ class Server:
             return 0
         self._last += 1
         number = self._last
-        self.connections.add(number, address, self._closing(number), yields_after_s=1.0)
-        self.wait(number)
+        self.connections.add(number, address, self._closing(number), evictable_after_s=1.0)
+        self.mark_idle(number)
         if busy:
-            self.connections.serve(number)
+            self.connections.mark_busy(number)
         return number
 
-    def wait(self, number: int) -> None:
+    def mark_idle(self, number: int) -> None:
         """Let a connection have its answer."""
-        self.connections.wait(number, self._closing(number))
+        self.connections.mark_idle(number, self._closing(number))
 
     def _closing(self, number: int) -> Callable[[], None]:
         return lambda: self.closed.append(number)
@@ -69,8 +69,8 @@ def test_an_address_that_has_its_share_gets_a_new_connection_for_its_idle_one(ru
         server = Server()
         server.take("192.0.2.8", busy=False)
         mine = [server.take("192.0.2.7") for _ in range(3)]
-        server.wait(mine[2])
-        server.wait(mine[1])
+        server.mark_idle(mine[2])
+        server.mark_idle(mine[1])
         assert server.take("192.0.2.7")
         assert server.closed == [mine[2]], "its own, and the one that has waited longest"
 
@@ -138,7 +138,7 @@ def test_a_connection_that_is_gone_leaves_its_place_once(run: Run) -> None:
         mine = [server.take("192.0.2.7") for _ in range(3)]
         server.connections.remove(mine[0])
         server.connections.remove(mine[0])
-        server.wait(mine[0])
+        server.mark_idle(mine[0])
         assert server.take("192.0.2.7")
         assert not server.take("192.0.2.7")
 
@@ -148,7 +148,7 @@ def test_a_connection_that_is_gone_leaves_its_place_once(run: Run) -> None:
 def test_a_connection_that_is_being_made_yields_after_its_time() -> None:
     async def main() -> None:
         server = Server(ConnectionLimits(1, 1, 1))
-        server.connections.add("handshake", "192.0.2.7", lambda: server.closed.append(-1), yields_after_s=1.0)
+        server.connections.add("handshake", "192.0.2.7", lambda: server.closed.append(-1), evictable_after_s=1.0)
         assert not server.take("192.0.2.8")
         await elapse(1.0)
         assert server.take("192.0.2.8")
@@ -170,7 +170,7 @@ def test_the_log_has_one_line_when_places_run_out_and_one_a_minute_as_long_as_th
     async def main() -> None:
         server = Server()
         mine = [server.take("192.0.2.7") for _ in range(3)]
-        server.wait(mine[0])
+        server.mark_idle(mine[0])
         for _ in range(5):
             server.take("192.0.2.7")
         assert lines() == ["1 idle closed to make room, 0 new refused"]
@@ -187,9 +187,7 @@ def test_the_log_has_one_line_when_places_run_out_and_one_a_minute_as_long_as_th
     run_virtual(main)
 
 
-@pytest.mark.parametrize(
-    ("total", "from_others", "per_client"), [(1000, 950, 250), (256, 244, 64), (16, 15, 4), (1, 1, 1)]
-)
-def test_the_shares_go_with_the_total(total: int, from_others: int, per_client: int) -> None:
+@pytest.mark.parametrize(("total", "remote", "per_client"), [(1000, 950, 250), (256, 244, 64), (16, 15, 4), (1, 1, 1)])
+def test_the_shares_go_with_the_total(total: int, remote: int, per_client: int) -> None:
     limits = ConnectionLimits.of(total)
-    assert (limits.total, limits.from_others, limits.per_client) == (total, from_others, per_client)
+    assert (limits.total, limits.remote, limits.per_client) == (total, remote, per_client)

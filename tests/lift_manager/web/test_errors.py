@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lift_manager.lift.refusals import Refusal
 from lift_manager.web import codes
-from lift_manager.web.codes import CODES, OWN, REFUSALS
+from lift_manager.web.codes import CODES, REFUSAL_CODES, WEB_CODES
 from lift_manager.web.error_table import FILE, error_table
 from tests.lift_manager.web.fake import FakeSite, ask
 
@@ -31,10 +31,10 @@ def test_the_file_is_what_the_code_says() -> None:
 
 
 def test_every_refusal_has_a_code_and_no_code_is_there_that_nobody_says() -> None:
-    assert set(REFUSALS) == set(Refusal)
+    assert set(REFUSAL_CODES) == set(Refusal)
     assert CODES.keys() >= RAISED
-    assert set(OWN) <= RAISED
-    assert not set(OWN) & {str(code) for code in Refusal}
+    assert set(WEB_CODES) <= RAISED
+    assert not set(WEB_CODES) & {str(code) for code in Refusal}
 
 
 def test_every_line_helps_in_a_sentence() -> None:

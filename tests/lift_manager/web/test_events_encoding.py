@@ -30,7 +30,7 @@ from lift_manager.lift.session import Advice, EndReason, Holder
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.runtime.bus import Event, StateChanged
 from lift_manager.web.events import sse
-from lift_manager.web.events.encoding import aged, ages, shown
+from lift_manager.web.events.encoding import aged, encode_event, has_ages
 from tests.lift_manager.web.fake_lifts import AT, IDLE
 from tests.lift_manager.web.fake_rides import a_ride
 
@@ -104,7 +104,7 @@ def test_every_event_that_there_is_is_among_these_cases() -> None:
 
 @pytest.mark.parametrize(("event", "name", "words"), CASES, ids=lambda case: type(case).__name__)
 def test_an_event_says_what_happened_and_can_be_read_back(event: Event, name: str, words: dict[str, object]) -> None:
-    said = shown(event, 2.0)
+    said = encode_event(event, 2.0)
     lines = sse.event(said.event, said, "b0-7").decode().split("\n")
     assert lines[:2] == ["id: b0-7", f"event: {name}"]
     assert lines[3:] == ["", ""]
@@ -117,7 +117,7 @@ def test_an_event_says_what_happened_and_can_be_read_back(event: Event, name: st
 
 
 def test_text_with_line_breaks_stays_one_line_of_data() -> None:
-    said = shown(Alarm("lift", "one\r\ntwo\n\nid: forged\n\u2028\u0085"), 2.0)
+    said = encode_event(Alarm("lift", "one\r\ntwo\n\nid: forged\n\u2028\u0085"), 2.0)
     sent = sse.event(said.event, said, "b0-1")
     assert sent.count(b"\n") == 4
     assert b"\r" not in sent
@@ -125,4 +125,4 @@ def test_text_with_line_breaks_stays_one_line_of_data() -> None:
 
 def test_only_what_says_how_long_something_has_been_so_grows_older() -> None:
     for event, _, _ in CASES:
-        assert (aged(event, 5.0) != event) is ages(event)
+        assert (aged(event, 5.0) != event) is has_ages(event)

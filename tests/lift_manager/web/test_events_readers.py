@@ -14,7 +14,7 @@ from lift_manager.lift.events import Alarm
 from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Phase
-from lift_manager.web.events.feed import KEPT, KEPT_S, Feed, PublishedEvent, StreamScope
+from lift_manager.web.events.feed import KEEP_EVENTS_S, MAX_KEPT_EVENTS, Feed, PublishedEvent, StreamScope
 from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, OpenStreams, Reader
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import key, ring
@@ -222,7 +222,7 @@ def test_events_older_than_five_minutes_are_not_kept() -> None:
         feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always):
             manager.happens(Alarm("lift", "old"))
-            await elapse(KEPT_S + 1)
+            await elapse(KEEP_EVENTS_S + 1)
             manager.happens(Alarm("lift", "new"))
         with feed.reader(StreamScope(), "b0-0", always) as reader:
             (first,) = await said(reader)
@@ -236,8 +236,8 @@ def test_events_older_than_five_minutes_are_not_kept() -> None:
 
 def test_a_reader_that_has_heard_everything_goes_on_whatever_is_kept() -> None:
     async def main() -> None:
-        manager = Happening(newest=KEPT * 2)
-        with Feed(manager, OpenStreams(10)).reader(StreamScope(), f"b0-{KEPT * 2}", always) as reader:
+        manager = Happening(newest=MAX_KEPT_EVENTS * 2)
+        with Feed(manager, OpenStreams(10)).reader(StreamScope(), f"b0-{MAX_KEPT_EVENTS * 2}", always) as reader:
             manager.happens(Alarm("lift", "next"))
             (first,) = await said(reader)
             assert first.data["text"] == "next"

@@ -10,7 +10,7 @@ from lift_manager.lift.events import Alarm
 from lift_manager.lift.session import Holder
 from lift_manager.rides.ride import Phase
 from lift_manager.web.app import make_app
-from lift_manager.web.events.feed import KEPT
+from lift_manager.web.events.feed import MAX_KEPT_EVENTS
 from tests.lift_manager.web.fake import serving
 from tests.lift_manager.web.fake_lifts import ABLE
 from tests.lift_manager.web.fake_rides import a_ride
@@ -125,14 +125,14 @@ def test_an_event_that_is_not_kept_any_more_is_made_up_for_by_a_snapshot() -> No
             async with listening(port) as stream:
                 await stream.begin()
                 await stream.take(1)
-            for number in range(KEPT + 1):
+            for number in range(MAX_KEPT_EVENTS + 1):
                 manager.happens(Alarm("lift", str(number)))
             (gone,) = await after(port, EVENTS, "b0-0", 1)
-            return gone, await after(port, EVENTS, "b0-1", KEPT)
+            return gone, await after(port, EVENTS, "b0-1", MAX_KEPT_EVENTS)
 
     gone, kept = asyncio.run(main())
-    assert (gone.event, gone.data["lost"], gone.id) == ("snapshot", True, f"b0-{KEPT + 1}")
-    assert numbers(kept) == list(range(2, KEPT + 2))
+    assert (gone.event, gone.data["lost"], gone.id) == ("snapshot", True, f"b0-{MAX_KEPT_EVENTS + 1}")
+    assert numbers(kept) == list(range(2, MAX_KEPT_EVENTS + 2))
 
 
 def test_a_ride_that_gets_another_lift_takes_its_reader_along_also_one_that_was_away() -> None:

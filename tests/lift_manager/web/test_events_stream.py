@@ -255,7 +255,7 @@ def test_the_stream_of_a_key_that_is_revoked_ends_within_two_seconds(tmp_path: P
     secret = make_key(path, "site", Key("", "page", Role.VIEWER), by="test", at=AT)
 
     async def main() -> float:
-        keys = KeyFile(path, "site", open_without=True)
+        keys = KeyFile(path, "site", open_without_keys=True)
         watching = asyncio.ensure_future(keys.run(noted.append))
         headers = {"Authorization": f"Bearer {secret.reveal()}"}
         async with serving(make_app(Happening(), keys)) as port, listening(port, EVENTS, headers) as stream:

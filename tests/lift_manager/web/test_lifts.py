@@ -12,7 +12,7 @@ from lift_manager.api.problem import Problem
 from lift_manager.lift.refusals import Blocking
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, Quality
-from lift_manager.web.lifts import is_known
+from lift_manager.web.lifts import matches_tag
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeSite, ask, one_lift
 from tests.lift_manager.web.fake_lifts import DOOR, IDLE
@@ -161,7 +161,7 @@ def test_the_age_of_all_is_that_of_the_oldest_live_one() -> None:
     ],
 )
 def test_if_none_match_is_compared_weakly_and_may_be_a_list(lines: list[str], known: bool) -> None:
-    assert is_known("abc", lines) is known
+    assert matches_tag("abc", lines) is known
 
 
 def test_a_tag_tells_nothing_to_who_may_not_read() -> None:

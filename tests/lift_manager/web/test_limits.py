@@ -20,10 +20,10 @@ from lift_manager.web.http_protocol import (
     HEAD_LIMIT_BYTES,
     HEAD_WITHIN_S,
     HEADERS_LIMIT,
-    TAKEN_WITHIN_S,
+    READ_WITHIN_S,
     JsonHttpProtocol,
 )
-from lift_manager.web.limits import MOST_CONNECTIONS
+from lift_manager.web.limits import MAX_CONNECTIONS
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeSite, ask, connected, serving
 from tests.lift_manager.web.listening import listening
 
@@ -290,13 +290,13 @@ def test_whoever_does_not_take_an_answer_is_hung_up_on_after_a_minute_and_whoeve
     async def main() -> None:
         protocol, line = await begun()
         protocol.pause_writing()
-        await elapse(TAKEN_WITHIN_S - 1)
+        await elapse(READ_WITHIN_S - 1)
         protocol.resume_writing()
-        await elapse(TAKEN_WITHIN_S)
+        await elapse(READ_WITHIN_S)
         assert not line.aborted
         protocol.pause_writing()
         protocol.pause_writing()
-        await elapse(TAKEN_WITHIN_S + 0.1)
+        await elapse(READ_WITHIN_S + 0.1)
         assert line.aborted
 
     run_virtual(main)
@@ -306,9 +306,9 @@ def test_whoever_does_not_take_an_answer_is_hung_up_on_after_a_minute_and_whoeve
     ("soft", "hard", "connections", "streams"),
     [
         (1024, 1024, 256, 153),
-        (1024, 4096, MOST_CONNECTIONS, 600),
+        (1024, 4096, MAX_CONNECTIONS, 600),
         (64, 64, 16, 9),
-        (8192, 20000, MOST_CONNECTIONS, 600),
+        (8192, 20000, MAX_CONNECTIONS, 600),
     ],
 )
 def test_clients_have_a_quarter_of_the_descriptors_and_streams_a_part_of_that(
@@ -316,7 +316,7 @@ def test_clients_have_a_quarter_of_the_descriptors_and_streams_a_part_of_that(
 ) -> None:
     code = (
         "import resource; from lift_manager.web import limits as a;"
-        f" resource.setrlimit(resource.RLIMIT_NOFILE, ({soft}, {hard})); a.allow_files();"
+        f" resource.setrlimit(resource.RLIMIT_NOFILE, ({soft}, {hard})); a.raise_file_limit();"
         " print(a.connections_limit(), a.streams_limit())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

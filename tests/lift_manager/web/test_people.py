@@ -10,7 +10,7 @@ from starlette.requests import Request
 from lift_manager.lift.journal import RowKind
 from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.web.app import make_app
-from lift_manager.web.origin import from_this_computer
+from lift_manager.web.origin import is_from_this_computer
 from tests.lift_manager.runtime.ride_building import building
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import NAME, FakeSite, ask
@@ -171,16 +171,16 @@ def asked(client: str, to: str, host: str, http_version: str = "1.1") -> Request
 
 
 def test_a_proxy_that_leaves_no_trace_but_the_old_protocol_is_no_program_of_this_computer() -> None:
-    assert from_this_computer(asked("127.0.0.1", "127.0.0.1", "127.0.0.1:5003"))
-    assert not from_this_computer(asked("127.0.0.1", "127.0.0.1", "127.0.0.1:5003", "1.0"))
+    assert is_from_this_computer(asked("127.0.0.1", "127.0.0.1", "127.0.0.1:5003"))
+    assert not is_from_this_computer(asked("127.0.0.1", "127.0.0.1", "127.0.0.1:5003", "1.0"))
 
 
 def test_a_manager_that_listens_on_one_address_is_told_by_its_own_computer() -> None:
-    assert from_this_computer(asked("192.0.2.10", "192.0.2.10", "192.0.2.10:5003"))
-    assert from_this_computer(asked("2001:db8::1", "2001:db8::1", "[2001:db8::1]:5003"))
-    assert not from_this_computer(asked("192.0.2.11", "192.0.2.10", "192.0.2.10:5003"))
-    assert not from_this_computer(asked("192.0.2.10", "192.0.2.10", "evil.example:5003"))
-    assert not from_this_computer(asked("192.0.2.10", "192.0.2.10", "192.0.2.11:5003"))
+    assert is_from_this_computer(asked("192.0.2.10", "192.0.2.10", "192.0.2.10:5003"))
+    assert is_from_this_computer(asked("2001:db8::1", "2001:db8::1", "[2001:db8::1]:5003"))
+    assert not is_from_this_computer(asked("192.0.2.11", "192.0.2.10", "192.0.2.10:5003"))
+    assert not is_from_this_computer(asked("192.0.2.10", "192.0.2.10", "evil.example:5003"))
+    assert not is_from_this_computer(asked("192.0.2.10", "192.0.2.10", "192.0.2.11:5003"))
 
 
 @pytest.mark.parametrize(

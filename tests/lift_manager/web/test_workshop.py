@@ -293,7 +293,10 @@ def test_the_lift_is_named_to_the_manager_as_it_knows_it() -> None:
 )
 def test_a_web_page_of_another_site_cannot_call_the_lift(headers: dict[str, str]) -> None:
     content, asked = post(CALL, headers={"host": "192.0.2.7", **headers})
-    assert refusal_of(content) == "a web page of another site asked; only programs and this manager's own pages may"
+    assert (
+        refusal_of(content)
+        == "a web page of another site sent the request; only programs and this manager's own pages may"
+    )
     assert asked == []
 
 

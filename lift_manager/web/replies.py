@@ -1,4 +1,4 @@
-"""The answers of each face: the envelope of the workshop API, problem+json under /api, `{"detail": ...}` elsewhere."""
+"""The replies of each face: the envelope of the workshop API, problem+json under /api, `{"detail": ...}` elsewhere."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lift_manager.web.codes import title
 from lift_manager.web.errors import RequestError
 
 NO_STORE = {"cache-control": "no-store"}
-"""An answer that was stored is out of date."""
+"""A cached reply would be out of date."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -25,21 +25,21 @@ _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
 
 
 def request_error(refused: RequestRefused, field: str | None = None) -> RequestError:
-    """Return a refusal of the site as one of this face; `field` is the key of the body that it is about."""
+    """Convert a refusal of the site; `field` is the key of the body that it concerns."""
     return RequestError(refused.code, refused.message, field=field, blocking=refused.blocking)
 
 
 @contextmanager
 def naming_field(fields: Mapping[Refusal, str]) -> Iterator[None]:
-    """Add the key of the body that a refusal is about, by its code."""
+    """Add the key of the body that a refusal concerns, by its code."""
     try:
         yield
     except RequestRefused as refused:
         raise request_error(refused, fields.get(refused.code)) from refused
 
 
-def marked(changed: Model, *, recorded: bool) -> Model:
-    """Return the answer to a change, one with a field `recorded`, that tells whether the change is on the disk."""
+def with_recorded(changed: Model, *, recorded: bool) -> Model:
+    """Return the reply to a change with its field `recorded` set: whether the change is on the disk."""
     return changed.model_copy(update={"recorded": recorded})
 
 
@@ -53,26 +53,26 @@ def is_api(path: str) -> bool:
     return path == "/api" or path.startswith("/api/")
 
 
-def succeeded(data: Mapping[str, object]) -> Response:
-    """Return the workshop API's answer to a request that was carried out."""
+def workshop_success(data: Mapping[str, object]) -> Response:
+    """Return the reply of the workshop API to a request that succeeded."""
     return _envelope({"data": data, "success": True, "msg": ""}, 200)
 
 
-def failed(message: str, status: int = 200) -> Response:
-    """Return the workshop API's answer to one that was not: HTTP 200, because its clients look at `success` alone."""
+def workshop_failure(message: str, status: int = 200) -> Response:
+    """Return the reply of the workshop API to a request that failed: HTTP 200, because its clients only look at `success`."""
     return _envelope({"data": {}, "success": False, "msg": message}, status)
 
 
-def answer(path: str, error: RequestError) -> Response:
-    """Return the answer to a request that is not carried out, in the form of the face that was addressed."""
+def error_reply(path: str, error: RequestError) -> Response:
+    """Return the reply to a failed request in the format of the requested face."""
     if is_workshop(path):
-        made = failed(error.message, error.status)
+        reply = workshop_failure(error.message, error.status)
     elif is_api(path):
-        made = _problem(error)
+        reply = _problem(error)
     else:
-        made = JSONResponse({"detail": error.message}, error.status)
-    made.headers.update(error.headers or {})
-    return made
+        reply = JSONResponse({"detail": error.message}, error.status)
+    reply.headers.update(error.headers or {})
+    return reply
 
 
 def not_found(path: str) -> RequestError:
@@ -81,7 +81,7 @@ def not_found(path: str) -> RequestError:
 
 
 def wrong_method(path: str, methods: tuple[str, ...]) -> RequestError:
-    """Return the error for a path that takes other methods."""
+    """Return the error for a path that accepts other methods only."""
     return RequestError("wrong_method", _hint(path, "Method Not Allowed"), headers={"allow": ", ".join(methods)})
 
 
@@ -97,6 +97,6 @@ def _problem(error: RequestError) -> Response:
 
 
 def _envelope(content: Mapping[str, object], status: int) -> Response:
-    # surrogates from a caller's JSON have no UTF-8; a backslash escape is what JSON would have written for them
+    # a surrogate from a caller's JSON has no UTF-8; JSON writes it as a backslash escape
     body = _encode(content).encode("utf-8", "backslashreplace")
     return Response(body, status, NO_STORE, "application/json")
