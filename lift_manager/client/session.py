@@ -97,7 +97,7 @@ class ActiveSession:
 
     async def let_go_door(self, *, wait: float = 0.0) -> Command:
         """Release the door."""
-        return await self._run_command(CommandType.LET_GO_DOOR, wait)
+        return await self._run_command(CommandType.RELEASE_DOOR, wait)
 
     async def close_door(self, door: Side | None = None, *, wait: float = 0.0) -> Command:
         """Press the close button. Only for a caller that can see that the doorway is clear: this confirms it."""

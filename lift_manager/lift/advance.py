@@ -85,7 +85,7 @@ def _serve_call(draft: Draft, session: Session, observation: Observation) -> Ses
     call = call_press.follow(draft, call, observation, is_hold=is_hold)
     draft.change(waiting_for=_holder_has_to(session, call, is_hold=is_hold))
     handshake.follow_robot(draft, observation, session)
-    if call.phase is CallPhase.WANTED:
+    if call.phase is CallPhase.REQUESTED:
         command = handshake.next_command(config, draft.record, call.floor)
         if missing := flags_missing(observation, config.capabilities, command):
             draft.change(door_hold=None)

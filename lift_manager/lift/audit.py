@@ -341,7 +341,7 @@ class RequestRows:
             made += (refusal_row(self.lift, words, refused),)
         return rows.having(words.holder, CallerRows(limiter.cleared(), words, answer)), made
 
-    def tell(self, holder: Holder, now: float) -> tuple[RequestRows, tuple[Row, ...]]:
+    def report(self, holder: Holder, now: float) -> tuple[RequestRows, tuple[Row, ...]]:
         """Return the row of what was only counted of a caller: something is pressed because of it."""
         caller = self.callers.get(holder)
         if caller is None or not caller.limiter.counts:
@@ -349,14 +349,14 @@ class RequestRows:
         made = _counted(self.lift, holder, caller, now)
         return self.having(holder, replace(caller, limiter=caller.limiter.cleared())), made
 
-    def tell_due(self, now: float, *, end: bool = False) -> tuple[RequestRows, tuple[Row, ...]]:
+    def report_due(self, now: float, *, end: bool = False) -> tuple[RequestRows, tuple[Row, ...]]:
         """Return the rows of what was counted for long enough, or at the end of all of it."""
         rows: RequestRows = self
         made: tuple[Row, ...] = ()
         for holder, caller in self.callers.items():
             if end or caller.limiter.is_due(now):
-                rows, told = rows.tell(holder, now)
-                made += told
+                rows, reported = rows.report(holder, now)
+                made += reported
         return rows, made
 
     def having(self, holder: Holder, caller: CallerRows) -> RequestRows:
@@ -371,8 +371,8 @@ class RequestRows:
         if len(callers) <= CALLERS:
             return replace(self, callers=callers), caller, ()
         oldest = next(iter(callers))
-        told = _counted(self.lift, oldest, callers.pop(oldest), now)
-        return replace(self, callers=callers), caller, told
+        reported = _counted(self.lift, oldest, callers.pop(oldest), now)
+        return replace(self, callers=callers), caller, reported
 
 
 def _counted(lift: str, holder: Holder, caller: CallerRows, now: float) -> tuple[Row, ...]:

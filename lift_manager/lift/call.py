@@ -30,7 +30,7 @@ _ACKNOWLEDGEMENTS = frozenset({"robot_in_place", "robot_left"})
 class CallPhase(StrEnum):
     """Where a call, or a word to the controller that follows the same rules, is."""
 
-    WANTED = "wanted"
+    REQUESTED = "wanted"
     """To be pressed as soon as what it requires is granted."""
     PRESSED = "pressed"
     CONFIRMED = "confirmed"
@@ -71,7 +71,7 @@ class Call:
     @property
     def was_pressed(self) -> bool:
         """Whether it was given to the lift, or may have been, and has not failed."""
-        return self.phase not in (CallPhase.WANTED, CallPhase.FAILED)
+        return self.phase not in (CallPhase.REQUESTED, CallPhase.FAILED)
 
     @property
     def is_answered(self) -> bool:
@@ -82,20 +82,20 @@ class Call:
 # -- what a request, a press and an outcome do to a call
 
 
-def want_call(call: Call | None, floor: FloorName, now: float) -> Call:
+def request_call(call: Call | None, floor: FloorName, now: float) -> Call:
     """Take a request for a floor: a new call, or the same one, pressed again only if it failed and has waited."""
     if call is None or call.floor != floor:
-        return Call(floor, CallPhase.WANTED, now)
+        return Call(floor, CallPhase.REQUESTED, now)
     if call.phase is CallPhase.FAILED and now >= call.not_before:
-        return replace(call, phase=CallPhase.WANTED, since=now, missing=0, shut_since=None)
+        return replace(call, phase=CallPhase.REQUESTED, since=now, missing=0, shut_since=None)
     return call
 
 
-def want_call_again(call: Call, now: float) -> Call:
+def request_call_again(call: Call, now: float) -> Call:
     """Want a fulfilled call to be pressed once more: it is what holds the door, and was released."""
     if call.phase is not CallPhase.ARRIVED:
         return call
-    return replace(call, phase=CallPhase.WANTED, since=now, missing=0, shut_since=None)
+    return replace(call, phase=CallPhase.REQUESTED, since=now, missing=0, shut_since=None)
 
 
 def call_after_restart(floor: FloorName, now: float, *, pressed: bool) -> Call:
@@ -110,7 +110,7 @@ def call_after_restart(floor: FloorName, now: float, *, pressed: bool) -> Call:
 
 def postpone(call: Call, now: float) -> Call:
     """Let a call that is not pressed yet begin now: what it waited for is not counted against it."""
-    return replace(call, since=now) if call.phase is CallPhase.WANTED else call
+    return replace(call, since=now) if call.phase is CallPhase.REQUESTED else call
 
 
 def press_call(call: Call, press: PressId, now: float) -> Call:
@@ -129,7 +129,7 @@ def call_answered(call: Call, outcome: Outcome, now: float) -> Call:
     if call.phase is not CallPhase.PRESSED:
         return call
     if outcome.grant_missing:
-        return replace(call, phase=CallPhase.WANTED, since=now)
+        return replace(call, phase=CallPhase.REQUESTED, since=now)
     if outcome.result is Result.CONFIRMED:
         return replace(call, phase=CallPhase.CONFIRMED, since=now, reason="")
     return call_failed(call, f"{outcome.result}: {outcome.reason}", now)
@@ -162,7 +162,7 @@ def follow_call(
     is_here = observation.floor == call.floor
     if call.reached and _is_gone(call, observation):
         call = replace(call, reached=False)
-    unpressed = is_hold and call.phase in (CallPhase.WANTED, CallPhase.FAILED)
+    unpressed = is_hold and call.phase in (CallPhase.REQUESTED, CallPhase.FAILED)
     if is_here and observation.is_standing and not unpressed and not _must_open(call, observation, capabilities, now):
         return _arrived(call, now, is_hold=is_hold)
     if call.phase is CallPhase.ARRIVED:
@@ -188,7 +188,7 @@ def may_press_call(
     stopping = observation.floor == call.floor and observation.values.motion in (None, Motion.STOPPED)
     settling = stopping and now - call.since < SETTLES_WITHIN_S + capabilities.evidence_for_s
     opens = (capabilities.same_floor_call or is_hold) and observation.is_standing
-    return call.phase is CallPhase.WANTED and (opens or not settling)
+    return call.phase is CallPhase.REQUESTED and (opens or not settling)
 
 
 def flags_missing(observation: Observation, capabilities: Capabilities, command: str) -> frozenset[str]:
@@ -246,7 +246,7 @@ def _must_open(call: Call, observation: Observation, capabilities: Capabilities,
     """
     if not capabilities.same_floor_call or not has_no_open_door(observation.values):
         return False
-    return call.phase in (CallPhase.WANTED, CallPhase.FAILED) or (
+    return call.phase in (CallPhase.REQUESTED, CallPhase.FAILED) or (
         call.phase is CallPhase.ARRIVED and now - call.since > capabilities.door_opens_within_s
     )
 

@@ -73,8 +73,8 @@ def only_call_holds_door(config: LiftConfig, record: LiftRecord, session: Sessio
 
 def call_must_be_on(config: LiftConfig, record: LiftRecord, session: Session) -> bool:
     """Whether the call is missed while it is off: it keeps the door open, and the robot has not said that it left."""
-    is_wanted = session.hold_door and not session.hold_spent and only_call_holds_door(config, record, session)
-    return is_wanted and record.boarding.occupancy is not Occupancy.EXITED
+    is_requested = session.hold_door and not session.hold_spent and only_call_holds_door(config, record, session)
+    return is_requested and record.boarding.occupancy is not Occupancy.EXITED
 
 
 def follow(draft: Draft, call: Call, observation: Observation, *, is_hold: bool) -> Call:

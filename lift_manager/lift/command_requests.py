@@ -24,7 +24,7 @@ from lift_manager.lift.requests import go_on_with, is_new, live_session, take_tu
 from lift_manager.lift.session import Session, may_hold_again, renew, set_target
 from register_maps.words import Side
 
-_RELEASES = frozenset({CommandType.LET_GO_DOOR, CommandType.ROBOT_LEFT})
+_RELEASES = frozenset({CommandType.RELEASE_DOOR, CommandType.ROBOT_LEFT})
 """What the holder of a session may still command whose end was announced."""
 
 
@@ -42,7 +42,7 @@ def give_command(draft: Draft, request: GiveCommand) -> CommandStatus | Refused:
     session = replace(session, contacted_at=draft.now)
     draft.change(session=session)
     history.judge_commands(draft)
-    is_given = command.kind is CommandType.LET_GO_DOOR and _door_is_given(draft, session)
+    is_given = command.kind is CommandType.RELEASE_DOOR and _door_is_given(draft, session)
     over = None if command.kind in _RELEASES else over_soon(session, draft.moment)
     refused = over or _COMMANDS[command.kind](draft, session, command)
     if refused is not None:
@@ -65,7 +65,7 @@ def known_command(draft: Draft, command: CommandRequest) -> CommandStatus | Refu
 def _go_to(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
     floor = command.floor or ""
     refused = unknown_floor(draft.config, floor)
-    return refused or _want_floor(draft, session, floor, command.kind, hold_door=command.hold_door)
+    return refused or _request_floor(draft, session, floor, command.kind, hold_door=command.hold_door)
 
 
 def _hold_door(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
@@ -80,10 +80,10 @@ def _hold_door(draft: Draft, session: Session, command: CommandRequest) -> Refus
         )
     if (why := doors.why_no_hold(config, session.floor)) is not None:
         return Refused(Refusal.NOT_POSSIBLE, f"{config.name}: {why}")
-    return _want_floor(draft, session, session.floor, command.kind, hold_door=True)
+    return _request_floor(draft, session, session.floor, command.kind, hold_door=True)
 
 
-def _let_go_door(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
+def _end_door_hold(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
     # a release: nothing forbids it, and nothing is called by it
     _release_door(draft, session, command.kind)
     return None
@@ -105,7 +105,7 @@ def _close_door(draft: Draft, session: Session, command: CommandRequest) -> Refu
     if (why_not := why_no_close(config, draft.record, draft.moment, hold_door=False)) is not None:
         return _not_now(draft, why_not)
     _release_door(draft, session, command.kind)
-    doors.want_closing(draft, sides)
+    doors.request_closing(draft, sides)
     return None
 
 
@@ -120,11 +120,11 @@ def _robot_word(draft: Draft, session: Session, command: CommandRequest) -> Refu
     if (refused := handshake.take_request(draft, session, session.holder, floor, word)) is not None:
         return refused
     history.replace_commands(draft, command.kind, session.floor, hold_door=session.hold_door)
-    go_on_with(draft, renew(session, draft.now), is_wanted=session.is_restored)
+    go_on_with(draft, renew(session, draft.now), is_requested=session.is_restored)
     return None
 
 
-def _want_floor(
+def _request_floor(
     draft: Draft, session: Session, floor: FloorName, kind: CommandType, *, hold_door: bool
 ) -> Refused | None:
     """Want a floor as a face without sessions wants it."""
@@ -155,7 +155,7 @@ def _not_now(draft: Draft, why: str) -> Refused:
 _COMMANDS: Mapping[CommandType, Callable[[Draft, Session, CommandRequest], Refused | None]] = {
     CommandType.GO_TO: _go_to,
     CommandType.HOLD_DOOR: _hold_door,
-    CommandType.LET_GO_DOOR: _let_go_door,
+    CommandType.RELEASE_DOOR: _end_door_hold,
     CommandType.CLOSE_DOOR: _close_door,
     CommandType.ROBOT_IN_PLACE: _robot_word,
     CommandType.ROBOT_LEFT: _robot_word,

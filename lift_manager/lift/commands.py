@@ -41,7 +41,7 @@ class CommandType(StrEnum):
     """Bring the car to a floor: the empty car to the robot, or the robot along."""
     HOLD_DOOR = "hold_door"
     """Hold the door open at the session's floor, or once the car is there; bounded by the site."""
-    LET_GO_DOOR = "let_go_door"
+    RELEASE_DOOR = "let_go_door"
     CLOSE_DOOR = "close_door"
     """Press the close button. Its caller says that nothing stands in the doorway; refused while a robot may be there."""
     ROBOT_IN_PLACE = "robot_in_place"
@@ -52,7 +52,7 @@ ROBOT_WORDS: Mapping[CommandType, RobotWord] = {
     CommandType.ROBOT_IN_PLACE: RobotWord.IN_PLACE,
     CommandType.ROBOT_LEFT: RobotWord.LEFT,
 }
-_DOOR_COMMANDS = (CommandType.HOLD_DOOR, CommandType.LET_GO_DOOR, CommandType.CLOSE_DOOR)
+_DOOR_COMMANDS = (CommandType.HOLD_DOOR, CommandType.RELEASE_DOOR, CommandType.CLOSE_DOOR)
 
 
 @unique
@@ -360,7 +360,7 @@ def _hold_door(pending: PendingCommand, lift: SessionOnLift, now: float) -> Pend
     return broken_off(after, f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is held{why}")
 
 
-def _let_go_door(pending: PendingCommand, lift: SessionOnLift, now: float) -> PendingCommand | Verdict:
+def _end_door_hold(pending: PendingCommand, lift: SessionOnLift, now: float) -> PendingCommand | Verdict:
     if lift.door_is_free:
         return Verdict(CommandState.CONFIRMED, proof=Proof.READBACK if pending.pressed else Proof.NONE)
     since = _due_since(pending, now)
@@ -400,7 +400,7 @@ def _by_progress(
     outcome = progress.outcome
     if progress.phase is CallPhase.PRESSED:
         return replace(pending, pressed=True, waiting_for="the lift to show that it has taken it")
-    if progress.phase is CallPhase.WANTED:
+    if progress.phase is CallPhase.REQUESTED:
         not_sent = outcome is not None and outcome.grant_missing
         waiting_for = lift.waiting_for or "its button to be pressed"
         return replace(pending, waiting_for=waiting_for, pressed=pending.pressed and not not_sent)
@@ -425,7 +425,7 @@ def _proof(outcome: Outcome | None, otherwise: Proof) -> Proof:
 _JUDGES: Mapping[CommandType, Callable[[PendingCommand, SessionOnLift, float], PendingCommand | Verdict]] = {
     CommandType.GO_TO: _go_to,
     CommandType.HOLD_DOOR: _hold_door,
-    CommandType.LET_GO_DOOR: _let_go_door,
+    CommandType.RELEASE_DOOR: _end_door_hold,
     CommandType.CLOSE_DOOR: _close_door,
     CommandType.ROBOT_IN_PLACE: _robot_in_place,
     CommandType.ROBOT_LEFT: _robot_left,

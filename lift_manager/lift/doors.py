@@ -33,7 +33,7 @@ UNGRANTED_S = 30.0
 """So long a door is held although the lift does not grant robot mode. Chosen: longer than a robot that saw it open takes through
 it, and than a controller takes to grant the mode again."""
 
-_UNFINISHED = (CallPhase.WANTED, CallPhase.PRESSED)
+_UNFINISHED = (CallPhase.REQUESTED, CallPhase.PRESSED)
 
 
 # -- whether a door is held
@@ -244,10 +244,10 @@ def close_command(side: Side) -> Command:
     return Command(CommandKind.CLOSE_DOOR, side=side)
 
 
-def want_closing(draft: Draft, sides: tuple[Side, ...]) -> None:
+def request_closing(draft: Draft, sides: tuple[Side, ...]) -> None:
     """Want these doors shut."""
     forget_closing(draft)
-    draft.change(closing=DoorClosing(sides, draft.now, CommandProgress(CallPhase.WANTED)))
+    draft.change(closing=DoorClosing(sides, draft.now, CommandProgress(CallPhase.REQUESTED)))
 
 
 def forget_closing(draft: Draft) -> None:
@@ -263,7 +263,7 @@ def forget_closing(draft: Draft) -> None:
 def press_close(draft: Draft) -> None:
     """Press the close button where that is wanted, once nothing of ours holds the door."""
     closing, config = draft.record.closing, draft.config
-    if closing.progress.phase is not CallPhase.WANTED or draft.session is None:
+    if closing.progress.phase is not CallPhase.REQUESTED or draft.session is None:
         return
     is_free = doors_at_rest(config, draft.record) and call_press.no_call_keeps_door(draft.record)
     why_not = why_no_press(config, draft.record, draft.moment) or why_no_close(

@@ -14,7 +14,7 @@ from lift_manager.lift.call import (
     call_failed,
     call_found_off,
     press_call,
-    want_call,
+    request_call,
 )
 from lift_manager.lift.call_press import robot_is_aboard
 from lift_manager.lift.config import ROBOT_IN_PLACE, ROBOT_LEFT, LiftConfig
@@ -42,7 +42,7 @@ from lift_manager.lift.occupancy import (
     Stop,
     boarding_by_request,
     boarding_without_session,
-    car_seen_at,
+    car_observed_at,
     has_exited,
     is_aboard,
     leaves_doubt,
@@ -64,7 +64,7 @@ COMMAND_OF: dict[WordName, Command] = {"in_place": ROBOT_IN_PLACE, "robot_left":
 def in_place_is_taken(config: LiftConfig, record: LiftRecord) -> bool:
     """Whether the lift has taken that the robot is in place; a lift without that command needs no word."""
     word = record.in_place
-    return not config.has(ROBOT_IN_PLACE) or (word.call is not None and not word.is_owed)
+    return not config.has(ROBOT_IN_PLACE) or (word.call is not None and not word.is_unacknowledged)
 
 
 def is_ready(config: LiftConfig, record: LiftRecord) -> bool:
@@ -116,13 +116,13 @@ def take_request(
     if (refused := unreachable_floor(config, floor, aboard=after.occupancy is Occupancy.ABOARD)) is not None:
         return refused
     draft.change(boarding=after, abandoned_by=None)
-    _want_words(draft, before, session, stop.floor if stop is not None else floor, word)
+    _request_words(draft, before, session, stop.floor if stop is not None else floor, word)
     return None
 
 
 def may_go_on(record: LiftRecord, holder: Holder) -> bool:
     """Whether a robot of this holder may be in the car without a session: it has to get out, whoever waits."""
-    return record.abandoned_by == holder and record.boarding.may_be_inside
+    return record.abandoned_by == holder and record.boarding.may_be_in_car
 
 
 def _why_unknown(draft: Draft, session: Session | None, floor: FloorName, word: RobotWord | None) -> str | None:
@@ -138,18 +138,18 @@ def _why_unknown(draft: Draft, session: Session | None, floor: FloorName, word: 
     return f"your robot may have entered the car; say that it is in place or has left{here}, or {person}"
 
 
-def _want_words(
+def _request_words(
     draft: Draft, before: Boarding, session: Session | None, here: FloorName, word: RobotWord | None
 ) -> None:
     """Want the words that follow from a request."""
     if draft.record.boarding.occupancy is Occupancy.ABOARD:
         if before.occupancy is not Occupancy.ABOARD and _is_level(draft.config, "robot_left"):
             release_word(draft, "robot_left")
-        want_word(draft, "in_place", here)
+        request_word(draft, "in_place", here)
     elif before.occupancy is Occupancy.ABOARD:
         report_robot_left(draft, here)
     elif session is None or word is RobotWord.LEFT:
-        want_word_again(draft, "robot_left")
+        request_word_again(draft, "robot_left")
 
 
 # -- what readings tell, and what is given because of it
@@ -158,7 +158,7 @@ def _want_words(
 def follow_robot(draft: Draft, observation: Observation, session: Session | None) -> None:
     """Take a fresh reading."""
     config, floor = draft.config, observation.floor
-    boarding = car_seen_at(draft.record.boarding, floor, under_way=is_under_way(observation.values))
+    boarding = car_observed_at(draft.record.boarding, floor, under_way=is_under_way(observation.values))
     draft.change(boarding=boarding)
     if floor is None or not stands_open_for_robot(config, draft.record, observation, floor):
         return
@@ -172,8 +172,8 @@ def give_words(draft: Draft, session: Session | None) -> None:
     """Give the words that are wanted, as far as nothing forbids it; `session` is None while people have their turn."""
     config, may_begin = draft.config, session is None or session.may_begin
     if may_begin and draft.record.repeats_robot_left:
-        want_word_again(draft, "robot_left")
-    if draft.record.robot_left.is_wanted:
+        request_word_again(draft, "robot_left")
+    if draft.record.robot_left.is_requested:
         if why_no_robot_left(config, draft.record, draft.moment) is None:
             _give(draft, "robot_left")
         else:
@@ -277,7 +277,7 @@ def release_without_session(draft: Draft, holder: Holder, floor: FloorName, word
         draft.change(boarding=Boarding(), abandoned_by=None)
         report_robot_left(draft, floor)
     elif record.abandoned_by is None:
-        want_word_again(draft, "robot_left")
+        request_word_again(draft, "robot_left")
 
 
 def found_empty(draft: Draft) -> None:
@@ -317,7 +317,7 @@ def restore_occupied(draft: Draft) -> None:
     durable = draft.record.durable
     if (occupied := durable.occupied) is not None:
         draft.change(abandoned_by=occupied.holder, boarding=boarding_without_session(aboard=occupied.aboard))
-    if durable.robot_left_owed_since is not None:
+    if durable.robot_left_pending_since is not None:
         _after_restart(draft, "robot_left", draft.config.floors[0], taken=False)
 
 
@@ -336,18 +336,18 @@ def restore_session(draft: Draft, saved: SavedSession, floor: FloorName) -> None
 # -- words
 
 
-def want_word(draft: Draft, name: WordName, floor: FloorName) -> None:
+def request_word(draft: Draft, name: WordName, floor: FloorName) -> None:
     """Want a word given; after a failure only once its pause is over."""
     word = _word(draft, name)
     if draft.config.has(COMMAND_OF[name]):
         place = word.call.floor if word.call is not None else floor
-        _set(draft, name, replace(word, call=want_call(word.call, place, draft.now)))
+        _set(draft, name, replace(word, call=request_call(word.call, place, draft.now)))
 
 
-def want_word_again(draft: Draft, name: WordName) -> None:
+def request_word_again(draft: Draft, name: WordName) -> None:
     """Want a word given again if it failed and its pause is over."""
     if (call := _word(draft, name).call) is not None:
-        want_word(draft, name, call.floor)
+        request_word(draft, name, call.floor)
 
 
 def release_word(draft: Draft, name: WordName) -> None:
@@ -363,7 +363,7 @@ def report_robot_left(draft: Draft, floor: FloorName) -> None:
         release_word(draft, "in_place")
     _forget(draft, "in_place")
     _forget(draft, "robot_left")
-    want_word(draft, "robot_left", floor)
+    request_word(draft, "robot_left", floor)
     if call_press.held_call_ends_at(draft.record) != "robot_left":
         call_press.release_call(draft)
     if not draft.record.robot_left.is_pending:
@@ -379,7 +379,7 @@ def _after_robot_left(draft: Draft) -> None:
 
 def _give(draft: Draft, name: WordName) -> None:
     word = _word(draft, name)
-    if word.call is not None and word.is_wanted:
+    if word.call is not None and word.is_requested:
         press = draft.press(COMMAND_OF[name])
         call = press_call(word.call, press, draft.now)
         _set(draft, name, HandshakeWord(call, is_on=_is_level(draft.config, name), renewed_at=draft.now))

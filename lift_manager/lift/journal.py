@@ -58,7 +58,7 @@ class Row:
     tells which time something was said, not what: rows that say the same are equal."""
 
     @property
-    def told(self) -> Mapping[str, Json]:
+    def written_data(self) -> Mapping[str, Json]:
         """`data` as it is written, with the id of the event under the key `event`."""
         return {**self.data, "event": self.event} if self.event else self.data
 

@@ -50,7 +50,7 @@ class Boarding:
     """Since it was last known outside, the car was sent on from a stop where it may have entered, and nobody said whether it did."""
 
     @property
-    def may_be_inside(self) -> bool:
+    def may_be_in_car(self) -> bool:
         """Whether the robot may be in the car."""
         return self.sent_on or self.occupancy in (Occupancy.MAY_BOARD, Occupancy.ABOARD)
 
@@ -128,7 +128,7 @@ def stands_open_to_leave(boarding: Boarding, floor: FloorName) -> Boarding:
     return replace(boarding, may_leave_at=floor) if boarding.occupancy is Occupancy.ABOARD else boarding
 
 
-def car_seen_at(boarding: Boarding, floor: FloorName | None, *, under_way: bool) -> Boarding:
+def car_observed_at(boarding: Boarding, floor: FloorName | None, *, under_way: bool) -> Boarding:
     """Forget that the robot could leave once the car is seen elsewhere, or under way with its doors shut.
 
     A car that reports no floor may still stand there.
@@ -178,11 +178,11 @@ def leaves_doubt(
     """
     if released:
         if has_words and word is not RobotWord.LEFT:
-            return boarding.may_be_inside
+            return boarding.may_be_in_car
         return boarding.occupancy is Occupancy.ABOARD or (boarding.sent_on and not let_out)
     if arrived:
         return boarding.sent_on or boarding.occupancy is Occupancy.ABOARD
-    return boarding.may_be_inside
+    return boarding.may_be_in_car
 
 
 def _robot_in_place(boarding: Boarding, stop: Stop | None) -> Boarding | str:
@@ -204,7 +204,7 @@ def _sent_on(boarding: Boarding, stop: Stop, config: LiftConfig, now: float) -> 
     if boarding.occupancy is Occupancy.ABOARD:
         return replace(boarding, may_leave_at=None)
     if boarding.occupancy is not Occupancy.MAY_BOARD or not occupancy_matters(config.capabilities):
-        return Boarding(sent_on=boarding.may_be_inside)
+        return Boarding(sent_on=boarding.may_be_in_car)
     unknown = f"a robot may have entered the car at {stop.floor}"
     if not config.infer_occupancy:
         return f"{unknown}; say that the robot is in place, or set `infer_occupancy: true` in the site file"

@@ -113,5 +113,5 @@ def _needs_a_person(draft: Draft) -> Callable[[Draft], None] | None:
     record = draft.record
     if record.session is None and record.robot_in_car is not None:
         return handshake.found_empty
-    is_late = record.owes_robot_left and record.robot_left.is_late
+    is_late = record.has_robot_left_pending and record.robot_left.is_late
     return handshake.give_up_robot_left if is_late and record.durable.fire_since is None else None

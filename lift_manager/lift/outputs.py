@@ -29,7 +29,7 @@ def outputs(config: LiftConfig, record: LiftRecord) -> Mapping[Command, Hold]:
     lift no longer gives ends a hold.
     """
     holds: dict[Command, Hold] = {}
-    if (mode := record.robot_mode).is_wanted and config.has(ROBOT_MODE):
+    if (mode := record.robot_mode).is_requested and config.has(ROBOT_MODE):
         until = config.held_until(ROBOT_MODE, mode.renewed_at)
         kept_until = until if mode.kept_until is None else min(until, mode.kept_until)
         holds[ROBOT_MODE] = Hold(mode.may_begin, kept_until)

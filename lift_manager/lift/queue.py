@@ -10,7 +10,7 @@ from lift_manager.lift.session import RMF, Holder
 
 WAITS_AS_ONE = frozenset({RMF, "workshop"})
 """Faces whose callers do nothing but ask again while another one holds the lift: each waits as one, for all its callers."""
-ASKS_AGAIN = WAITS_AS_ONE | {"api"}
+WAITS_BY_REPEATING = WAITS_AS_ONE | {"api"}
 """Faces whose callers wait because they were refused, for as long as they ask again. Rides join and leave by themselves."""
 LAPSES_AFTER_S = 5.0
 """A caller that has to ask again leaves the queue when it was silent for so long. RMF asks once a second (open-rmf 1.6)."""
@@ -26,7 +26,7 @@ class Queue:
     """The places before one lift, the first one in front."""
 
     places: tuple[Place, ...] = ()
-    asked_at: Mapping[Place, float] = field(default_factory=dict)
+    requested_at: Mapping[Place, float] = field(default_factory=dict)
     """When each of those that have to ask again did so last."""
     departures: int = 0
     """How many have left the queue so far, each of whom let those behind move up."""
@@ -37,8 +37,8 @@ def join(queue: Queue, holder: Holder, now: float) -> Queue:
     queue, place = lapse(queue, now), place_of(holder)
     if place not in queue.places:
         queue = replace(queue, places=(*queue.places, place))
-    if holder.face in ASKS_AGAIN:
-        queue = replace(queue, asked_at={**queue.asked_at, place: now})
+    if holder.face in WAITS_BY_REPEATING:
+        queue = replace(queue, requested_at={**queue.requested_at, place: now})
     return queue
 
 
@@ -49,15 +49,15 @@ def leave(queue: Queue, holder: Holder) -> Queue:
 
 def join_if_refused(queue: Queue, holder: Holder, refused: Refused, now: float) -> Queue:
     """Add a caller that was refused because it has to wait; beyond `CALLERS` nobody is added."""
-    if holder.face not in ASKS_AGAIN or refused.code not in (Refusal.HELD, Refusal.QUEUED):
+    if holder.face not in WAITS_BY_REPEATING or refused.code not in (Refusal.HELD, Refusal.QUEUED):
         return queue
-    has_room = place_of(holder) in queue.asked_at or len(queue.asked_at) < CALLERS
+    has_room = place_of(holder) in queue.requested_at or len(queue.requested_at) < CALLERS
     return join(queue, holder, now) if has_room else queue
 
 
 def lapse(queue: Queue, now: float) -> Queue:
     """Remove the callers that have to ask again and have not."""
-    for place, at in tuple(queue.asked_at.items()):
+    for place, at in tuple(queue.requested_at.items()):
         if now >= at + LAPSES_AFTER_S:
             queue = _without(queue, place)
     return queue
@@ -84,7 +84,7 @@ def why_not_yet(lift: str, queue: Queue, holder: Holder, now: float) -> Refused 
 
 def next_lapse(queue: Queue) -> float:
     """Return when the next caller leaves because it is silent; infinity for none."""
-    return min((at + LAPSES_AFTER_S for at in queue.asked_at.values()), default=float("inf"))
+    return min((at + LAPSES_AFTER_S for at in queue.requested_at.values()), default=float("inf"))
 
 
 def place_of(holder: Holder) -> Place:
@@ -98,5 +98,5 @@ def place_of(holder: Holder) -> Place:
 def _without(queue: Queue, place: Place) -> Queue:
     if place not in queue.places:
         return queue
-    asked_at = {other: at for other, at in queue.asked_at.items() if other != place}
-    return Queue(tuple(other for other in queue.places if other != place), asked_at, queue.departures + 1)
+    requested_at = {other: at for other, at in queue.requested_at.items() if other != place}
+    return Queue(tuple(other for other in queue.places if other != place), requested_at, queue.departures + 1)

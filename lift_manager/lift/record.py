@@ -68,7 +68,7 @@ class DurableRecord:
     restrictions: tuple[Restriction, ...] = ()
     """At most one of a kind."""
     occupied: Occupied | None = None
-    robot_left_owed_since: datetime | None = None
+    robot_left_pending_since: datetime | None = None
     """Since when the lift has not taken the word that a robot left; None where it is owed none."""
     robot_mode_until: datetime | None = None
     """Until when robot mode is kept at the most although its session is over; None where it is not."""
@@ -107,22 +107,22 @@ class HandshakeWord:
     @property
     def is_pending(self) -> bool:
         """Whether it is to be pressed, or on its way."""
-        return self.call is not None and self.call.phase in (CallPhase.WANTED, CallPhase.PRESSED)
+        return self.call is not None and self.call.phase in (CallPhase.REQUESTED, CallPhase.PRESSED)
 
     @property
-    def is_wanted(self) -> bool:
+    def is_requested(self) -> bool:
         """Whether it is to be pressed."""
-        return self.call is not None and self.call.phase is CallPhase.WANTED
+        return self.call is not None and self.call.phase is CallPhase.REQUESTED
 
     @property
-    def is_owed(self) -> bool:
+    def is_unacknowledged(self) -> bool:
         """Whether it was wanted, and the lift has not taken it."""
         return self.call is not None and self.call.phase is not CallPhase.CONFIRMED
 
     @property
     def is_late(self) -> bool:
         """Whether it is owed after it failed, or from before a restart."""
-        if self.call is None or not self.is_owed:
+        if self.call is None or not self.is_unacknowledged:
             return False
         return self.call.phase is CallPhase.FAILED or self.call.failures > 0
 
@@ -152,7 +152,7 @@ class DoorClosing:
 class RobotModeHold:
     """The lift's robot mode, as far as it is ours."""
 
-    is_wanted: bool = False
+    is_requested: bool = False
     may_begin: bool = False
     was_pressed: bool = False
     """Its bytes have left, or it may be found on after a restart."""
@@ -281,24 +281,24 @@ class LiftRecord:
         return self.call is not None and self.call.has_arrived
 
     @property
-    def owes_robot_left(self) -> bool:
+    def has_robot_left_pending(self) -> bool:
         """Whether the lift has not taken that a robot left. One that is aboard again makes its picture right."""
-        return self.robot_left.is_owed and self.boarding.occupancy is not Occupancy.ABOARD
+        return self.robot_left.is_unacknowledged and self.boarding.occupancy is not Occupancy.ABOARD
 
     @property
     def repeats_robot_left(self) -> bool:
         """Whether the word that a robot left is given until it is taken: not while one may be going in."""
-        return self.robot_left.is_owed and not self.boarding.may_be_inside
+        return self.robot_left.is_unacknowledged and not self.boarding.may_be_in_car
 
     @property
     def robot_in_car(self) -> tuple[Holder, bool] | None:
         """Whose robot may be in the car, and whether it is known to be; None where there is none."""
         holder = self.session.holder if self.session is not None else self.abandoned_by
-        if holder is None or not self.boarding.may_be_inside:
+        if holder is None or not self.boarding.may_be_in_car:
             return None
         return holder, self.boarding.occupancy is Occupancy.ABOARD
 
     @property
     def is_busy(self) -> bool:
         """Whether every reading matters, changed or not."""
-        return self.session is not None or self.robot_mode.kept_until is not None or self.owes_robot_left
+        return self.session is not None or self.robot_mode.kept_until is not None or self.has_robot_left_pending

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from drivers.model import FloorName
 from lift_manager.lift import call_press, doors, handshake, history, queue
 from lift_manager.lift.advance import advance
-from lift_manager.lift.call import CallPhase, call_after_restart, call_holds_door, want_call, want_call_again
+from lift_manager.lift.call import CallPhase, call_after_restart, call_holds_door, request_call, request_call_again
 from lift_manager.lift.commands import (
     SessionInfo,
     SessionOver,
@@ -110,9 +110,9 @@ def end_own_session(draft: Draft, request: EndSession) -> Accepted | Refused:
 
 def _take_request(draft: Draft, request: LiftRequest, *, is_release: bool) -> Accepted | Refused:
     """Decide on a request and act on it."""
-    now, wants_lift = draft.now, (request.hold_door or request.stays) and not is_release
-    reply = _admit(draft, request, is_release=is_release, wants_lift=wants_lift)
-    if isinstance(reply, Refused) and wants_lift:
+    now, needs_lift = draft.now, (request.hold_door or request.stays) and not is_release
+    reply = _admit(draft, request, is_release=is_release, needs_lift=needs_lift)
+    if isinstance(reply, Refused) and needs_lift:
         draft.change(queue=queue.join_if_refused(draft.record.queue, request.holder, reply, now))
     if not isinstance(reply, Session):
         return reply
@@ -126,7 +126,7 @@ def _take_request(draft: Draft, request: LiftRequest, *, is_release: bool) -> Ac
     return Accepted()
 
 
-def _admit(draft: Draft, request: LiftRequest, *, is_release: bool, wants_lift: bool) -> Session | Accepted | Refused:
+def _admit(draft: Draft, request: LiftRequest, *, is_release: bool, needs_lift: bool) -> Session | Accepted | Refused:
     """Return the session as it goes on with a request, or why it is not taken; a release is done here."""
     config, now = draft.config, draft.now
     if draft.record.is_stopping:
@@ -136,7 +136,7 @@ def _admit(draft: Draft, request: LiftRequest, *, is_release: bool, wants_lift: 
     session = draft.session
     if session is not None and session.holder == request.holder:
         draft.change(session=replace(session, contacted_at=now))
-    elif session is not None and wants_lift and (refused := _contest(draft, request)) is not None:
+    elif session is not None and needs_lift and (refused := _contest(draft, request)) is not None:
         return refused
     session = draft.session
     if session is not None and session.holder != request.holder:
@@ -223,13 +223,13 @@ def _forgive_end(draft: Draft, request: LiftRequest, refused: Refused) -> None:
     others = (unknown_floor(config, request.floor), command_refusal(config, record, draft.moment, goes_on=True))
     if all(reason is None or reason.code in PASSING for reason in (refused, *others)):
         _leave_call(draft)
-        go_on_with(draft, replace(session, contacted_at=draft.now, end=None), is_wanted=False)
+        go_on_with(draft, replace(session, contacted_at=draft.now, end=None), is_requested=False)
 
 
 def _leave_call(draft: Draft) -> None:
     """Leave a call that was not pressed to the next request: nobody knows how long the lift cannot be read, nor who still wants it then."""
     call = draft.record.call
-    if call is not None and call.phase is CallPhase.WANTED:
+    if call is not None and call.phase is CallPhase.REQUESTED:
         draft.change(call=call_after_restart(call.floor, draft.now, pressed=False))
 
 
@@ -265,7 +265,7 @@ def renew_session(draft: Draft, request: RenewSession) -> SessionInfo | Refused:
     if isinstance(found, Refused):
         return found
     lease_s = found.lease_s if request.ttl_s is None else draft.config.lease_for(request.ttl_s)
-    go_on_with(draft, replace(renew(found, draft.now), lease_s=lease_s), is_wanted=found.is_restored)
+    go_on_with(draft, replace(renew(found, draft.now), lease_s=lease_s), is_requested=found.is_restored)
     return history.read_session(draft.config, draft.record, request.session, request.holder, draft.moment)
 
 
@@ -349,22 +349,22 @@ def live_session(draft: Draft, session_id: str, holder: Holder) -> Session | Ref
 # -- what both kinds share
 
 
-def go_on_with(draft: Draft, session: Session, *, is_wanted: bool = True) -> None:
-    """Go on with a session that was admitted; `is_wanted` where its call is wanted, or wanted again."""
+def go_on_with(draft: Draft, session: Session, *, is_requested: bool = True) -> None:
+    """Go on with a session that was admitted; `is_requested` where its call is wanted, or wanted again."""
     is_new = draft.session is None
-    holds_again = is_wanted and session.hold_door and session.hold_spent
+    holds_again = is_requested and session.hold_door and session.hold_spent
     if holds_again:
         session = hold_again(session, draft.config, draft.now)
     draft.change(session=session)
     if is_new:
         draft.change(sessions_opened=session.number, commands=())
         draft.emit(SessionOpened(draft.config.name, session.holder, session.floor))
-    if is_wanted:
-        _want_target(draft, session, holds_again=holds_again and not session.hold_spent)
+    if is_requested:
+        _request_target(draft, session, holds_again=holds_again and not session.hold_spent)
     advance(draft)
 
 
-def _want_target(draft: Draft, session: Session, *, holds_again: bool) -> None:
+def _request_target(draft: Draft, session: Session, *, holds_again: bool) -> None:
     """Want the car at the target: a new call, or the same one again; `holds_again` after the hold was spent."""
     doors.forget_closing(draft)
     config, floor, now = draft.config, session.floor, draft.now
@@ -378,11 +378,11 @@ def _want_target(draft: Draft, session: Session, *, holds_again: bool) -> None:
             call_press.release_call(draft)
     aboard = call_press.robot_is_aboard(config, draft.record)
     if moves_on or not (session.hold_spent and call_holds_door(config, floor, aboard=aboard)):
-        draft.change(call=want_call(call, floor, now))
+        draft.change(call=request_call(call, floor, now))
     is_missed = (session.policy.stays or holds_again) and call_press.call_must_be_on(config, draft.record, session)
     call = draft.record.call
     if call is not None and is_missed and not call_press.call_keeps_door(draft.record):
-        draft.change(call=want_call_again(call, now))
+        draft.change(call=request_call_again(call, now))
 
 
 def _new_session(draft: Draft, holder: Holder, session_id: str, *, stays: bool) -> Session:

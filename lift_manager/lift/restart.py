@@ -56,8 +56,8 @@ def save(draft: Draft) -> None:
     occupied, owed = _left_behind(draft)
     clock = draft.moment.clock
     after = replace(durable, occupied=_occupied(durable, occupied, clock))
-    if owed is not (durable.robot_left_owed_since is not None):
-        after = replace(after, robot_left_owed_since=clock if owed else None)
+    if owed is not (durable.robot_left_pending_since is not None):
+        after = replace(after, robot_left_pending_since=clock if owed else None)
     if not draft.record.is_stopping:
         after = replace(
             after,
@@ -83,11 +83,14 @@ def _left_behind(draft: Draft) -> tuple[tuple[Holder, bool] | None, bool]:
     config, record, session = draft.config, draft.record, draft.session
     release = release_given(config, session)
     if session is None or release is None or record.abandoned_by is not None:
-        return record.robot_in_car, record.owes_robot_left
+        return record.robot_in_car, record.has_robot_left_pending
     parting = handshake.parting_of(config, record, session, release, arrived=False)
     aboard = record.boarding.occupancy is Occupancy.ABOARD
     exited = parting is OccupancyAtEnd.EXITED and config.has(ROBOT_LEFT)
-    return (session.holder, aboard) if parting is OccupancyAtEnd.DOUBT else None, record.owes_robot_left or exited
+    return (
+        session.holder,
+        aboard,
+    ) if parting is OccupancyAtEnd.DOUBT else None, record.has_robot_left_pending or exited
 
 
 def _occupied(durable: DurableRecord, by: tuple[Holder, bool] | None, clock: datetime) -> Occupied | None:
@@ -124,7 +127,7 @@ def _saved(draft: Draft, durable: DurableRecord) -> SavedSession | None:
         occupancy=record.boarding.occupancy,
         sent_on=record.boarding.sent_on,
         may_leave_at=record.boarding.may_leave_at,
-        in_place_taken=record.in_place.call is not None and not record.in_place.is_owed,
+        in_place_taken=record.in_place.call is not None and not record.in_place.is_unacknowledged,
     )
     saved_as = (session, boarding, record.call is not None and record.call.was_pressed)
     every_s = _saved_every_s(session, draft.config)
@@ -191,7 +194,7 @@ def restore(draft: Draft) -> None:
     if session.floor is not None:
         _restore_outputs(draft, session, saved, session.floor)
     if draft.config.has(ROBOT_MODE):
-        draft.change(robot_mode=RobotModeHold(is_wanted=True, was_pressed=True, renewed_at=draft.now))
+        draft.change(robot_mode=RobotModeHold(is_requested=True, was_pressed=True, renewed_at=draft.now))
     call = "its call is followed" if saved.pressed else "its call was not pressed, and waits for its next request"
     text = f"to {session.floor}, {call}; what is found off stays off until it asks again"
     text = text if session.floor is not None else "and asked for no floor yet"
@@ -299,7 +302,7 @@ def _keep_robot_mode(draft: Draft, *, had_session: bool) -> None:
         rest_s = (_utc(until) - _utc(draft.moment.clock)).total_seconds()
     if rest_s > 0:
         kept_until = draft.now + min(rest_s, longest_s)
-        mode = RobotModeHold(is_wanted=True, was_pressed=True, kept_until=kept_until, renewed_at=draft.now)
+        mode = RobotModeHold(is_requested=True, was_pressed=True, kept_until=kept_until, renewed_at=draft.now)
         draft.change(robot_mode=mode)
 
 

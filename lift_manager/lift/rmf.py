@@ -81,11 +81,11 @@ def _held_by(holder: Holder) -> HeldBy:
     return HeldBy(FACE, *rmf_session(holder)) if holder.face == FACE else HeldBy(holder.face, holder.name)
 
 
-def _keeps_off(told: Restrictions) -> str:
+def _keeps_off(restrictions: Restrictions) -> str:
     words = (
-        f"locked out {told.lockout}" if told.lockout else "",
-        f"no new session begins: drain {told.drain}" if told.drain else "",
-        f"a robot of {told.maybe_aboard} may be in the car" if told.maybe_aboard is not None else "",
-        f"its signals are distrusted: {told.distrusted}" if told.distrusted else "",
+        f"locked out {restrictions.lockout}" if restrictions.lockout else "",
+        f"no new session begins: drain {restrictions.drain}" if restrictions.drain else "",
+        f"a robot of {restrictions.maybe_aboard} may be in the car" if restrictions.maybe_aboard is not None else "",
+        f"its signals are distrusted: {restrictions.distrusted}" if restrictions.distrusted else "",
     )
     return "; ".join(word for word in words if word)

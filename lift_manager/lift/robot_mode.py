@@ -19,7 +19,7 @@ def hold_robot_mode(draft: Draft, *, may_begin: bool) -> None:
     if not is_given:
         mode = replace(mode, was_pressed=False)
     if may_begin or is_given:
-        mode = replace(mode, is_wanted=True, may_begin=may_begin, renewed_at=draft.moment.read_at)
+        mode = replace(mode, is_requested=True, may_begin=may_begin, renewed_at=draft.moment.read_at)
     draft.change(robot_mode=mode)
 
 
@@ -52,7 +52,7 @@ def settle(draft: Draft) -> None:
     config, record, last = draft.config, draft.record, draft.record.observation
     under_way = last is not None and may_be_moving(last) and robot_mode_granted(last, config.capabilities)
     until = record.robot_mode.kept_until
-    if until is not None and draft.now < until and (last is None or under_way or _has_to_tell(draft)):
+    if until is not None and draft.now < until and (last is None or under_way or _must_report(draft)):
         if draft.observation is not None:
             hold_robot_mode(draft, may_begin=False)
         return
@@ -62,7 +62,7 @@ def settle(draft: Draft) -> None:
         draft.alarm(f"nobody has seen the car come to rest for {waited_s:g} s; robot mode is dropped")
 
 
-def _has_to_tell(draft: Draft) -> bool:
+def _must_report(draft: Draft) -> bool:
     """Whether the lift is still to be told that a robot left. One that may not be told at all is not waited for."""
     if not draft.record.robot_left.is_pending:
         return False

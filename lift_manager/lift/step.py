@@ -116,7 +116,7 @@ def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, momen
     """Return the record with what the driver knows of the outputs; nothing is done because of it."""
     mode = record.robot_mode
     status = outputs.get(ROBOT_MODE.name, OutputState.AT_REST)
-    if mode.is_wanted and not mode.was_pressed and status in (OutputState.ON, OutputState.HELD):
+    if mode.is_requested and not mode.was_pressed and status in (OutputState.ON, OutputState.HELD):
         mode = replace(mode, was_pressed=True)
     return _note_door_held(config, replace(record, outputs=outputs, robot_mode=mode), moment)
 
@@ -201,7 +201,7 @@ def _take_change(
 def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
     restart.save(draft)
     config, record = draft.config, _note_door_held(draft.config, draft.record, draft.moment)
-    if record.queue.asked_at:
+    if record.queue.requested_at:
         record = replace(record, queue=queue.lapse(record.queue, draft.now))
     if record.durable is not before.durable or draft.actions or draft.events:
         record = replace(record, sequence=record.sequence + 1)

@@ -12,7 +12,7 @@ from lift_manager.lift.queue import ahead_of
 from lift_manager.lift.refusals import STOPPING, Refusal, Refused
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
-from lift_manager.rides.observation import Lifts, is_live, remember_seen, why_not_taken
+from lift_manager.rides.observation import Lifts, is_live, remember_observed, why_not_taken
 from lift_manager.rides.record import RideRecord
 from lift_manager.rides.ride import RidePlan, RideRequest
 from lift_manager.rides.rides import REFUSED_FOR_S, Rides, observe, too_many
@@ -57,9 +57,9 @@ def plan_ride(choices: Choices, request: RideRequest, moment: Moment, *, is_stop
     if not isinstance(begun, Step):
         return begun
     record = begun.record
-    seen = observe(choices.rides, choices.lifts, record, None, moment)
-    why = why_not_taken(remember_seen(record, seen, moment), seen, moment)
-    return RidePlan(record.lift, seen.ahead + int(seen.is_held_by_another(record.holder)), why)
+    observed = observe(choices.rides, choices.lifts, record, None, moment)
+    why = why_not_taken(remember_observed(record, observed, moment), observed, moment)
+    return RidePlan(record.lift, observed.ahead + int(observed.is_held_by_another(record.holder)), why)
 
 
 def _begun(
@@ -99,7 +99,7 @@ class Choices:
         chosen = choose(request, holder, [self.candidate(lift, holder) for lift in request.lifts])
         if isinstance(chosen, Refused):
             return chosen
-        inside = self._maybe_inside(request)
+        inside = self._maybe_in_car(request)
         if inside and chosen.lift not in inside:
             lift, ride = next(iter(inside.items()))
             text = (
@@ -114,7 +114,7 @@ class Choices:
         request, holder = record.request, record.holder
         if not record.is_flexible:
             return None
-        inside = self._maybe_inside(request)
+        inside = self._maybe_in_car(request)
         if inside or record.lift not in self.lifts:
             if record.lift in inside:
                 return None
@@ -140,7 +140,7 @@ class Choices:
             self._best[trip] = None if isinstance(best, Refused) else best
         return self._best[trip]
 
-    def _maybe_inside(self, request: RideRequest) -> dict[str, str]:
+    def _maybe_in_car(self, request: RideRequest) -> dict[str, str]:
         """Return the lifts in whose car the robot of a ride may be, each with the ride that left it there.
 
         Nobody knows that of a robot without a name.
@@ -198,12 +198,12 @@ def why_never(request: RideRequest, lift: LiftConfig) -> Refused | None:
     if not able.commands & {"go_to", "call"}:
         text = f"{name} cannot be called: its map {able.map_name} has neither go_to nor call"
         return Refused(Refusal.NOT_POSSIBLE, text)
-    if why := _why_no_way(request, lift):
+    if why := _why_unreachable(request, lift):
         return Refused(Refusal.NOT_POSSIBLE, f"{name} lets no robot through its door: its map {able.map_name} {why}")
     return None
 
 
-def _why_no_way(request: RideRequest, lift: LiftConfig) -> str:
+def _why_unreachable(request: RideRequest, lift: LiftConfig) -> str:
     """Return why the door can never stand open and held for a robot; empty where it can."""
     able = lift.capabilities
     is_kept_by_call = bool(_KEEPS_OPEN.intersection(able.until.values()))

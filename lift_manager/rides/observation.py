@@ -89,26 +89,26 @@ def is_live(state: LiftState) -> bool:
 # -- the door
 
 
-def stands_open(record: RideRecord, seen: RideObservation, floor: FloorName | None) -> bool:
+def stands_open(record: RideRecord, observed: RideObservation, floor: FloorName | None) -> bool:
     """Whether the lift's published door stands open at a floor for the robot of this ride, held by its session."""
-    state, session = seen.state, seen.session
+    state, session = observed.state, observed.session
     if session is None or session.over is not None or state.holder != record.holder:
         return False
     is_held = session.floor == floor and session.arrived and session.door_held
     return is_held and is_live(state) and state.standing and state.floor == floor and state.robot_door is RobotDoor.OPEN
 
 
-def may_enter(record: RideRecord, seen: RideObservation) -> bool:
+def may_enter(record: RideRecord, observed: RideObservation) -> bool:
     """Whether the robot is to drive in now; a lift that has a permission to enter has to give it."""
-    return stands_open(record, seen, record.request.start) and seen.state.permissions.get("may_enter", True)
+    return stands_open(record, observed, record.request.start) and observed.state.permissions.get("may_enter", True)
 
 
-def remember_seen(record: RideRecord, seen: RideObservation, moment: Moment) -> RideRecord:
+def remember_observed(record: RideRecord, observed: RideObservation, moment: Moment) -> RideRecord:
     """Return the record with what is remembered of what is seen.
 
     That is since when the lift is offline, where the car stands, and where a robot inside could exit.
     """
-    state = seen.state
+    state = observed.state
     if not is_live(state):
         return replace(record, stands=None, offline_since=record.offline_since or _last_read(state, moment))
     at, exit_at = state.floor, record.could_exit_at
@@ -145,12 +145,12 @@ def _last_read(state: LiftState, moment: Moment) -> str:
 # -- why the door does not invite the robot
 
 
-def why_not_open(record: RideRecord, seen: RideObservation, floor: FloorName | None) -> str:
+def why_not_open(record: RideRecord, observed: RideObservation, floor: FloorName | None) -> str:
     """Return why the door does not invite the robot at a floor; empty while it does."""
-    state, session = seen.state, seen.session
+    state, session = observed.state, observed.session
     if not is_live(state):
-        return _offline_text(record, seen)
-    if record.silent_since is not None and not stands_open(record, seen, floor):
+        return _offline_text(record, observed)
+    if record.silent_since is not None and not stands_open(record, observed, floor):
         return "waits to hear the robot after a restart of the manager: it has to say `here`"
     if session is None or session.over is not None:
         return "the session is not taken up yet"
@@ -177,7 +177,7 @@ def _why_shut(state: LiftState, session: SessionInfo, floor: FloorName | None) -
         if doors and all(door is Door.OPEN for door in state.doors.values()):
             if not session.door_held:
                 return f"the door at {floor} is open, and is not held yet: waits for the hold"
-            return _why_no_way_through(state, session, floor)
+            return _why_not_passable(state, session, floor)
         return f"the door at {floor} is not open for the robot ({doors or 'not known'})"
     if not session.door_held:
         return f"the door at {floor} is open, and is not held yet: waits for the hold"
@@ -186,7 +186,7 @@ def _why_shut(state: LiftState, session: SessionInfo, floor: FloorName | None) -
     return ""
 
 
-def _why_no_way_through(state: LiftState, session: SessionInfo, floor: FloorName | None) -> str:
+def _why_not_passable(state: LiftState, session: SessionInfo, floor: FloorName | None) -> str:
     """Return what keeps a robot from an open door that is held for it."""
     permission = "may_leave" if session.robot is Occupancy.ABOARD else "may_enter"
     if not state.permissions.get(permission, True):
@@ -196,27 +196,27 @@ def _why_no_way_through(state: LiftState, session: SessionInfo, floor: FloorName
     return f"the door at {floor} is open, and the lift is not in a mode for robots (its mode is {state.mode})"
 
 
-def _offline_text(record: RideRecord, seen: RideObservation) -> str:
+def _offline_text(record: RideRecord, observed: RideObservation) -> str:
     since = f"since {record.offline_since}" if record.offline_since else "and was never read"
-    return f"{seen.state.lift} is offline {since}"
+    return f"{observed.state.lift} is offline {since}"
 
 
 # -- why the lift is not taken
 
 
-def why_not_taken(record: RideRecord, seen: RideObservation, moment: Moment) -> str:
+def why_not_taken(record: RideRecord, observed: RideObservation, moment: Moment) -> str:
     """Return what a queued ride waits for, as far as is known without a request; empty where the lift may be requested."""
-    state = seen.state
-    why = _why_silent(record, moment.now) or _why_kept_out(record, seen) or _why_doubted(record, seen)
+    state = observed.state
+    why = _why_silent(record, moment.now) or _why_kept_out(record, observed) or _why_doubted(record, observed)
     if why:
         return why
-    if seen.is_held_by_another(record.holder):
+    if observed.is_held_by_another(record.holder):
         return f"{state.lift} is held by {state.holder}"
-    if seen.busy:
-        return seen.busy
-    may_be_inside = state.holder is None and state.restrictions.maybe_aboard == record.holder
+    if observed.busy:
+        return observed.busy
+    may_be_in_car = state.holder is None and state.restrictions.maybe_aboard == record.holder
     # everybody in the queue waits for the robot that is inside
-    return f"{seen.ahead} wait before it" if seen.ahead and not may_be_inside else ""
+    return f"{observed.ahead} wait before it" if observed.ahead and not may_be_in_car else ""
 
 
 def _why_silent(record: RideRecord, now: float) -> str:
@@ -229,9 +229,9 @@ def _why_silent(record: RideRecord, now: float) -> str:
     return f"{waits}; it has lost its place in the line"
 
 
-def _why_doubted(record: RideRecord, seen: RideObservation) -> str:
+def _why_doubted(record: RideRecord, observed: RideObservation) -> str:
     """Return why another ride of the same holder speaks against this one: nobody but the robot knows where it is."""
-    doubt = seen.doubt
+    doubt = observed.doubt
     if doubt is None or record.present_at >= doubt.since:
         return ""
     caller, where = record.request.caller, f"in the car of {doubt.lift}"
@@ -251,10 +251,10 @@ def _why_doubted(record: RideRecord, seen: RideObservation) -> str:
     )
 
 
-def _why_kept_out(record: RideRecord, seen: RideObservation) -> str:
-    state, restrictions = seen.state, seen.state.restrictions
+def _why_kept_out(record: RideRecord, observed: RideObservation) -> str:
+    state, restrictions = observed.state, observed.state.restrictions
     if not is_live(state):
-        return _offline_text(record, seen)
+        return _offline_text(record, observed)
     if restrictions.lockout:
         return (
             f"{state.lift} is locked out {restrictions.lockout}; a person ends it with {how_to_end_lockout(state.lift)}"

@@ -256,25 +256,25 @@ def place(rides: Rides, record: RideRecord, lifts: Lifts, now: float) -> tuple[R
     The rides of one holder have one place. Once one of them has left it the others wait at the end of the queue, so that one caller
     with many rides does not keep everybody else waiting.
     """
-    wanted = (record.lift, record.holder) if waits_in_queue(record, now) else None
+    requested = (record.lift, record.holder) if waits_in_queue(record, now) else None
     present, changes = rides.places.get(record.id), list[QueueChange]()
-    if present is not None and present != wanted:
+    if present is not None and present != requested:
         rides = replace(rides, places={key: one for key, one in rides.places.items() if key != record.id})
         lift, holder = present
         changes.append(QueueChange(lift, LeaveQueue(holder)))
         if rides_at(rides, present):
             changes.append(QueueChange(lift, JoinQueue(holder)))
-    if wanted is not None:
-        if present != wanted:
-            rides = replace(rides, places={**rides.places, record.id: wanted})
+    if requested is not None:
+        if present != requested:
+            rides = replace(rides, places={**rides.places, record.id: requested})
         if place_of(record.holder) not in lifts[record.lift].queue.places:
             changes.append(QueueChange(record.lift, JoinQueue(record.holder)))
     return rides, tuple(changes)
 
 
-def rides_at(rides: Rides, wanted: Place) -> tuple[str, ...]:
+def rides_at(rides: Rides, requested: Place) -> tuple[str, ...]:
     """Return the rides at a place, the one that has waited for longest first."""
-    return tuple(ride for ride, present in rides.places.items() if present == wanted)
+    return tuple(ride for ride, present in rides.places.items() if present == requested)
 
 
 # -- for which rides news of a lift matters

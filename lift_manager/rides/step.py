@@ -89,53 +89,53 @@ def begin(request: RideRequest, lift: str, ride_id: str, moment: Moment) -> Step
     return _finish(None, Progress(record), moment)
 
 
-def step(record: RideRecord, happened: Input, seen: RideObservation, moment: Moment) -> Step:
+def step(record: RideRecord, happened: Input, observed: RideObservation, moment: Moment) -> Step:
     """Return what one input changes."""
-    taken = _take(record, happened, seen, moment)
+    taken = _take(record, happened, observed, moment)
     if isinstance(taken, Refused):
         # whatever a robot reports, it is there
         return replace(_finish(record, Progress(replace(record, silent_since=None)), moment), reply=taken)
     return replace(_finish(record, taken, moment), lift_refusal=_lift_refusal(happened))
 
 
-def at_moment(record: RideRecord, seen: RideObservation, moment: Moment) -> Ride:
+def at_moment(record: RideRecord, observed: RideObservation, moment: Moment) -> Ride:
     """Return a ride as it is shown now: with the seconds of this moment, and with news that has not been stepped yet."""
-    after = go_on(record, seen, moment).record
+    after = go_on(record, observed, moment).record
     return published(replace(_dated(record, after, moment), reason=after.reason), moment.now)
 
 
-def _take(record: RideRecord, happened: Input, seen: RideObservation, moment: Moment) -> Progress | Refused:
+def _take(record: RideRecord, happened: Input, observed: RideObservation, moment: Moment) -> Progress | Refused:
     match happened:
         case Tick():
-            return _dated_progress(record, go_on(record, seen, moment), moment)
+            return _dated_progress(record, go_on(record, observed, moment), moment)
         case RobotReport(word):
-            taken = _REPORTS[word](replace(record, silent_since=None), seen, moment)
+            taken = _REPORTS[word](replace(record, silent_since=None), observed, moment)
             return taken if isinstance(taken, Refused) else _dated_progress(record, taken, moment)
         case BeginAgain():
             return Progress(replace(record, silent_since=None))
         case CancelRide():
-            return _dated_progress(record, _cancel(record, happened, seen, moment), moment)
+            return _dated_progress(record, _cancel(record, happened, observed, moment), moment)
         case LiftReply():
-            return _take_reply(record, happened, seen, moment)
+            return _take_reply(record, happened, observed, moment)
         case _:
-            return Progress(_take_news(record, happened, seen, moment))
+            return Progress(_take_news(record, happened, observed, moment))
 
 
 def _take_news(
     record: RideRecord,
     happened: Advised | CommandFollowed | FoundOutside | TakeLift,
-    seen: RideObservation,
+    observed: RideObservation,
     moment: Moment,
 ) -> RideRecord:
     match happened:
         case Advised(_, _, advice, text):
-            return record if record.is_over else _dated(record, give_up(record, seen, moment, text, advice), moment)
+            return record if record.is_over else _dated(record, give_up(record, observed, moment, text, advice), moment)
         case CommandFollowed(_, status):
             return _note_failure(record, status)
         case FoundOutside():
             return replace(record, maybe_aboard=False)
         case TakeLift(lift):
-            return _take_lift(record, lift, seen, moment)
+            return _take_lift(record, lift, observed, moment)
 
 
 def _finish(before: RideRecord | None, taken: Progress, moment: Moment) -> Step:
@@ -170,9 +170,9 @@ def _words(record: RideRecord) -> tuple[object, ...]:
     return record.phase, record.guidance, record.reason, record.advice
 
 
-def _take_lift(record: RideRecord, lift: str, seen: RideObservation, moment: Moment) -> RideRecord:
+def _take_lift(record: RideRecord, lift: str, observed: RideObservation, moment: Moment) -> RideRecord:
     moved = replace(record, lift=lift, failure="", offline_since="", changed_at=moment.clock)
-    after = go_on(moved, seen, moment).record
+    after = go_on(moved, observed, moment).record
     return replace(_dated(moved, after, moment), reason=after.reason)
 
 
@@ -183,7 +183,7 @@ def _report_here(record: RideRecord, _: RideObservation, moment: Moment) -> Prog
     return _over(record) if record.is_over else Progress(replace(record, present_at=moment.now))
 
 
-def _report_entered(record: RideRecord, seen: RideObservation, moment: Moment) -> Progress | Refused:
+def _report_entered(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress | Refused:
     if record.is_over:
         return _over(record)
     if record.has_entered:
@@ -199,14 +199,14 @@ def _report_entered(record: RideRecord, seen: RideObservation, moment: Moment) -
     )
     if record.phase is Phase.CLEARING:
         return Progress(inside)
-    if record.session and (record.maybe_aboard or seen.may_have_boarded):
+    if record.session and (record.maybe_aboard or observed.may_have_boarded):
         return Progress(replace(inside, phase=Phase.RIDING, phase_since=moment.now))
     start = record.request.start
     text = f"the door has not stood open for the robot at {start} yet; say `entered` once it has gone in there"
     return Refused(Refusal.NOT_NOW, text)
 
 
-def _report_left(record: RideRecord, seen: RideObservation, moment: Moment) -> Progress | Refused:
+def _report_left(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress | Refused:
     if record.is_over:
         if not record.maybe_aboard:
             return _over(record)
@@ -214,25 +214,25 @@ def _report_left(record: RideRecord, seen: RideObservation, moment: Moment) -> P
     if not record.maybe_aboard:
         text = f"the ride is {record.phase}, and the robot cannot have been inside; to end the ride, cancel it"
         return Refused(Refusal.NOT_NOW, text)
-    if record.has_entered and record.could_exit_at is None and is_live(seen.state):
+    if record.has_entered and record.could_exit_at is None and is_live(observed.state):
         text = "the door has not stood open since the robot said that it is inside; say `left` once it is outside"
         return Refused(Refusal.NOT_NOW, text)
-    return Progress(_exit(record, seen, moment), (close(record, RobotWord.LEFT),))
+    return Progress(_exit(record, observed, moment), (close(record, RobotWord.LEFT),))
 
 
-def _exit(record: RideRecord, seen: RideObservation, moment: Moment) -> RideRecord:
+def _exit(record: RideRecord, observed: RideObservation, moment: Moment) -> RideRecord:
     """Return the ride as it ends with its robot outside."""
     where, destination = record.could_exit_at, record.request.destination
     if record.phase is Phase.CLEARING and record.clearing is not None:
-        return end_outside(record, record.clearing.ending, seen, moment, record.clearing.cause)
+        return end_outside(record, record.clearing.ending, observed, moment, record.clearing.cause)
     if not record.has_entered:
         why = "the robot said that it is outside, before it said that it went in"
-        return end_outside(record, Phase.CANCELLED, seen, moment, why)
+        return end_outside(record, Phase.CANCELLED, observed, moment, why)
     if where == destination:
-        return end_outside(record, Phase.DONE, seen, moment)
+        return end_outside(record, Phase.DONE, observed, moment)
     at = f"at {where}" if where is not None else "where nobody could see the lift"
     why = f"the robot left {at}, and not at {destination}"
-    return end_outside(record, Phase.GAVE_UP, seen, moment, why)
+    return end_outside(record, Phase.GAVE_UP, observed, moment, why)
 
 
 def _over(record: RideRecord) -> Refused:
@@ -252,17 +252,17 @@ _REPORTS: Mapping[RideWord, _Report] = {
 # -- what callers and people decide
 
 
-def _cancel(record: RideRecord, cancel: CancelRide, seen: RideObservation, moment: Moment) -> Progress:
+def _cancel(record: RideRecord, cancel: CancelRide, observed: RideObservation, moment: Moment) -> Progress:
     if record.is_over or record.phase is Phase.CLEARING:
         return Progress(record)
     if not cancel.by_operator:
         # the caller speaks for its robot
         record = replace(record, silent_since=None)
     why = f"withdrawn by {'an operator' if cancel.by_operator else 'its caller'}: {cancel.reason}"
-    if not (record.maybe_aboard or seen.may_have_boarded):
-        ended = end_outside(record, Phase.CANCELLED, seen, moment, why)
+    if not (record.maybe_aboard or observed.may_have_boarded):
+        ended = end_outside(record, Phase.CANCELLED, observed, moment, why)
         return Progress(ended, (close(record),) if record.session else ())
-    clearing = begin_clearing(record, Clearing(Phase.CANCELLED, why), seen, moment)
+    clearing = begin_clearing(record, Clearing(Phase.CANCELLED, why), observed, moment)
     if not (cancel.by_operator and record.has_entered):
         return clearing
     text = (
@@ -275,7 +275,7 @@ def _cancel(record: RideRecord, cancel: CancelRide, seen: RideObservation, momen
 # -- what requests came to
 
 
-def _take_reply(record: RideRecord, happened: LiftReply, seen: RideObservation, moment: Moment) -> Progress:
+def _take_reply(record: RideRecord, happened: LiftReply, observed: RideObservation, moment: Moment) -> Progress:
     request, reply = happened.request, happened.reply
     failure = reply.message if isinstance(reply, Refused) else ""
     match request:
@@ -286,7 +286,7 @@ def _take_reply(record: RideRecord, happened: LiftReply, seen: RideObservation, 
         case RenewSession():
             return Progress(replace(record, requested_at=moment.now, failure=failure or record.failure))
         case LiftRequest() | CloseSession(robot=RobotWord.LEFT):
-            return _take_exit(record, request, seen)
+            return _take_exit(record, request, observed)
         case _:
             return Progress(record)
 
@@ -297,9 +297,9 @@ def _open(record: RideRecord, session: str, moment: Moment) -> RideRecord:
     return enter_phase(opened, Phase.CALLED, moment)
 
 
-def _take_exit(record: RideRecord, request: LiftRequest | CloseSession, seen: RideObservation) -> Progress:
+def _take_exit(record: RideRecord, request: LiftRequest | CloseSession, observed: RideObservation) -> Progress:
     """Go on after the lift has learnt that the robot left. One that has not seen how it got out keeps its doubt until a person has looked."""
-    state = seen.state
+    state = observed.state
     if state.restrictions.maybe_aboard != record.holder:
         return Progress(record, (SettleOthers(),))
     if isinstance(request, CloseSession) and state.holder is None:

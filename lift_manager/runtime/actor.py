@@ -210,7 +210,7 @@ class LiftActor:
         self.journal.call(before.call, done.record.call)
         for event in done.events:
             self.publish(event)
-        if self._bus.heard:
+        if self._bus.received:
             self._publish_state(moment)
         if done.record.durable is not before.durable:
             self._save()

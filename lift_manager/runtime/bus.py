@@ -85,7 +85,7 @@ class Bus(Generic[Item]):
         self._counters: list[Callable[[str, Item], None]] = []
 
     @property
-    def heard(self) -> bool:
+    def received(self) -> bool:
         """Whether anybody listens."""
         return bool(self._listeners or self._taps)
 
@@ -95,8 +95,8 @@ class Bus(Generic[Item]):
         event = f"{self.boot}-{self.newest}"
         if note is not None:
             note(event)
-        for hear in (*self._counters, *self._taps):
-            hear(event, item)
+        for receive in (*self._counters, *self._taps):
+            receive(event, item)
         for listener in self._listeners:
             listener.put(item)
         return event
@@ -112,22 +112,22 @@ class Bus(Generic[Item]):
             self._listeners.remove(listener)
 
     @contextmanager
-    def tap(self, hear: Callable[[str, Item], None]) -> Iterator[None]:
-        """Call `hear` with the id and the event, at once and in order, for as long as the context lasts. It must not raise."""
-        self._taps.append(hear)
+    def tap(self, receive: Callable[[str, Item], None]) -> Iterator[None]:
+        """Call `receive` with the id and the event, at once and in order, for as long as the context lasts. It must not raise."""
+        self._taps.append(receive)
         try:
             yield
         finally:
-            self._taps.remove(hear)
+            self._taps.remove(receive)
 
     @contextmanager
-    def overhear(self, hear: Callable[[str, Item], None]) -> Iterator[None]:
+    def overhear(self, receive: Callable[[str, Item], None]) -> Iterator[None]:
         """As `tap`, of what is published anyhow: it is no reason to work out what nobody else listens to."""
-        self._counters.append(hear)
+        self._counters.append(receive)
         try:
             yield
         finally:
-            self._counters.remove(hear)
+            self._counters.remove(receive)
 
 
 def boot_of(at: datetime) -> str:

@@ -45,32 +45,32 @@ class Holds:
         self._number = 0
         self._numbers: dict[str, int] = {}
         """Under which number each hold is on."""
-        self._wanted: Mapping[str, outputs.Hold] = {}
+        self._requested: Mapping[str, outputs.Hold] = {}
         self._waiting: dict[str, _Waiting] = {}
         self._unwritten: set[str] = set()
         """Holds that are on the disk, and were not put on since: they need no other row."""
         self._committed = 0
 
     def update(
-        self, wanted: Mapping[Command, outputs.Hold], pressed: Collection[str], *, may_begin: bool
+        self, requested: Mapping[Command, outputs.Hold], pressed: Collection[str], *, may_begin: bool
     ) -> tuple[UnrecordedHold, ...]:
         """Take what should be on; return what has to be written down before it begins.
 
         `pressed` are the outputs whose press is not with the driver yet: what is on for the same command stays, and what is on
         for another one is released. Nothing new may begin while nothing can be written down.
         """
-        self._wanted = {command.name: hold for command, hold in wanted.items()}
+        self._requested = {command.name: hold for command, hold in requested.items()}
         for name in [name for name in (*self._waiting, *self._unwritten) if not self._begins(name)]:
             self._waiting.pop(name, None)
             self._unwritten.discard(name)
-        for name in self._numbers.keys() - self._wanted.keys():
+        for name in self._numbers.keys() - self._requested.keys():
             del self._numbers[name]
         before = {command.name: (command, hold) for command, hold in self.declared.items()}
         after = {
-            command: hold for command, hold in self.declared.items() if command.name in pressed and command in wanted
+            command: hold for command, hold in self.declared.items() if command.name in pressed and command in requested
         }
         beginnings = []
-        for command, hold in wanted.items():
+        for command, hold in requested.items():
             name = command.name
             if name in pressed:
                 continue
@@ -126,7 +126,7 @@ class Holds:
         return {**self.states, **lost, **waiting}
 
     def _begins(self, name: str) -> bool:
-        return name in self._wanted and self._wanted[name].begin
+        return name in self._requested and self._requested[name].begin
 
     def _needs_no_beginning(self, name: str) -> bool:
         """Whether a hold is on, or on its way. One that a restart found on is only kept until it is written down for its holder."""

@@ -84,7 +84,7 @@ class LiftJournal:
 
     def found(self, durable: DurableRecord, shown: Restrictions, moment: Moment) -> None:
         """Log what is left from before this start for people to see to."""
-        fire, occupied, owed = durable.fire_since, durable.occupied, durable.robot_left_owed_since
+        fire, occupied, owed = durable.fire_since, durable.occupied, durable.robot_left_pending_since
         texts = (
             f"a fire at {clock_text(fire, moment)} that nobody has acknowledged" if fire is not None else "",
             f"locked out {shown.lockout}" if shown.lockout else "",
@@ -109,7 +109,7 @@ class LiftJournal:
     ) -> Row:
         """Return the row of a press; what its holder requested and was only counted is noted before it."""
         if holder is not None:
-            self._requests, rows = self._requests.tell(holder, now)
+            self._requests, rows = self._requests.report(holder, now)
             self._note(rows)
         return audit.press_row(self._lift, holder, command, frames, again=again)
 
@@ -128,11 +128,11 @@ class LiftJournal:
 
         With `answers` the controller is there and what it says cannot be used: another such reason is logged, too.
         """
-        self._note(self._link.seen(fault, now, answers=answers))
+        self._note(self._link.observed(fault, now, answers=answers))
 
-    def tell(self, now: float, *, end: bool = False) -> None:
+    def report(self, now: float, *, end: bool = False) -> None:
         """Note what was only counted for long enough, or at the end all of it."""
-        self._requests, rows = self._requests.tell_due(now, end=end)
+        self._requests, rows = self._requests.report_due(now, end=end)
         self._note((*rows, *self._modes.due(now, end=end), *self._link.due(now, end=end)))
         self._link.remind(now)
 
@@ -224,7 +224,7 @@ class _Link:
         self._changes = _Changes(lambda counted, for_s: audit.links_row(lift, self._fault or "", counted, for_s))
         self._reasons = RowRateLimiter(CHANGES)
 
-    def seen(self, fault: str, now: float, *, answers: bool) -> tuple[Row, ...]:
+    def observed(self, fault: str, now: float, *, answers: bool) -> tuple[Row, ...]:
         """Return the rows of a poll that was answered, or failed."""
         self._now = now
         if self._fault is None and fault:

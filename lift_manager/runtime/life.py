@@ -78,15 +78,15 @@ class SiteLife:
                 for actor in self._actors:
                     tasks.create_task(release(actor))
         finally:
-            self._site.refusals.tell(end=True)
+            self._site.refusals.report(end=True)
 
     async def _sum_up(self) -> None:
         """Write down what was counted, though nobody asks anything more."""
         while True:
             await asyncio.sleep(SUM_UP_EVERY_S)
-            self._site.refusals.tell()
+            self._site.refusals.report()
             for actor in self._actors:
-                actor.journal.tell(asyncio.get_running_loop().time())
+                actor.journal.report(asyncio.get_running_loop().time())
 
 
 def is_clearing(actor: LiftActor) -> bool:
@@ -103,4 +103,4 @@ async def release(actor: LiftActor) -> None:
     try:
         await actor.driver.released()
     finally:
-        actor.journal.tell(asyncio.get_running_loop().time(), end=True)
+        actor.journal.report(asyncio.get_running_loop().time(), end=True)

@@ -72,6 +72,6 @@ class FrameSource(Protocol):
         """Every controller of the site file by its name there."""
         ...
 
-    def tap_frames(self, link: str, hear: Callable[[WireFrame], None]) -> AbstractContextManager[None]:
-        """Call `hear` with every frame of a link for as long as the context lasts. It must neither wait nor raise."""
+    def tap_frames(self, link: str, receive: Callable[[WireFrame], None]) -> AbstractContextManager[None]:
+        """Call `receive` with every frame of a link for as long as the context lasts. It must neither wait nor raise."""
         ...

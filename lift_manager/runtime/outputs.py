@@ -72,9 +72,9 @@ class LiftOutputs:
                 self._sent[press.id] = press.command
                 self._driver.press(press.id, press.command, press.leave_by)
         # what falls by its own time, because the lift is not read, begins again only once it is renewed
-        wanted = {one: hold for one, hold in outputs(self._config, record).items() if hold.until > moment.now}
+        requested = {one: hold for one, hold in outputs(self._config, record).items() if hold.until > moment.now}
         before = self._holds.declared
-        beginnings = self._holds.update(wanted, self._waiting_names, may_begin=not record.disk_trouble)
+        beginnings = self._holds.update(requested, self._waiting_names, may_begin=not record.disk_trouble)
         if self._holds.declared != before:
             self._driver.declare(self._holds.declared)
         rows = [(press.holder, press.command, False) for press in presses]

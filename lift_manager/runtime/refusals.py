@@ -54,8 +54,8 @@ class RefusalLog:
     def refuse(self, lift: str, refused: Refused) -> NoReturn:
         """Count a refusal, and raise it."""
         self.count(lift, refused.code)
-        for hear in self.on_raised:
-            hear(lift, refused)
+        for receive in self.on_raised:
+            receive(lift, refused)
         raise raised(refused)
 
     def count(self, lift: str, code: str) -> None:
@@ -76,27 +76,27 @@ class RefusalLog:
         row = Row(RowKind.PERSON, f"{action} refused: {message}", short(lift), by, data)
         self._note((RowKind.PERSON, ""), code, row)
 
-    def tell(self, *, end: bool = False) -> None:
+    def report(self, *, end: bool = False) -> None:
         """Write down what was counted for a minute, or at the end all of it."""
         now = asyncio.get_running_loop().time()
         for whose, sparing in self._sparing.items():
             if end or sparing.is_due(now):
-                self._tell(whose, sparing, now)
+                self._report(whose, sparing, now)
 
     def _note(self, whose: tuple[RowKind, str], code: str, row: Row) -> None:
         now = asyncio.get_running_loop().time()
         sparing, gone = get_or_add(self._sparing, whose, lambda: RowRateLimiter(REFUSALS))
         if gone is not None:
-            self._tell(*gone, now)
+            self._report(*gone, now)
         if sparing.admits((row.lift, row.caller, row.text), now):
-            self._tell(whose, sparing, now)
+            self._report(whose, sparing, now)
             self._rows.note(row)
             return
         sparing.count(code, now)
         if sparing.is_due(now):
-            self._tell(whose, sparing, now)
+            self._report(whose, sparing, now)
 
-    def _tell(self, whose: tuple[RowKind, str], sparing: RowRateLimiter, now: float) -> None:
+    def _report(self, whose: tuple[RowKind, str], sparing: RowRateLimiter, now: float) -> None:
         if not sparing.has_counts:
             return
         answers, for_s = sparing.take_counts(now)

@@ -96,7 +96,7 @@ class SiteRides:
         self._wake.set()
         while True:
             await self._wake.wait()
-            with self._bus.tap(self._hear):
+            with self._bus.tap(self._on_event):
                 await self._go_on_until_over()
 
     # -- what callers request
@@ -207,7 +207,7 @@ class SiteRides:
             self._settle(ride)
         self._forget()
 
-    def _hear(self, _: str, event: Event) -> None:
+    def _on_event(self, _: str, event: Event) -> None:
         """Note what has happened, and do nothing about it here."""
         if isinstance(event, RideChanged):
             return

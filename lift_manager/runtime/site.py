@@ -195,11 +195,11 @@ class Site:
         """Return the same, once it is no longer pending or `within_s` has passed."""
         ended = asyncio.Event()
 
-        def hear(_: str, event: Event) -> None:
+        def receive(_: str, event: Event) -> None:
             if isinstance(event, CommandFollowed) and event.status.id == command:
                 ended.set()
 
-        with self._bus.overhear(hear):
+        with self._bus.overhear(receive):
             status = self.command_status(lift, session, holder, command)
             if status.state is CommandState.PENDING:
                 try:
@@ -264,20 +264,20 @@ class Site:
             self._lift(name).freshen()
 
     @contextmanager
-    def tap(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
-        """Call `hear` with every event for as long as the context lasts, at once and in order.
+    def tap(self, receive: Callable[[Occurrence], None]) -> Iterator[None]:
+        """Call `receive` with every event for as long as the context lasts, at once and in order.
 
         It must not raise, wait, or request anything: it is called in the middle of a step.
         """
         loop = asyncio.get_running_loop()
-        with self._bus.tap(lambda event_id, event: hear(Occurrence(event_id, loop.time(), event))):
+        with self._bus.tap(lambda event_id, event: receive(Occurrence(event_id, loop.time(), event))):
             yield
 
     @contextmanager
-    def overhear(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
+    def overhear(self, receive: Callable[[Occurrence], None]) -> Iterator[None]:
         """As `tap`, of what is published anyhow: no state is worked out for it."""
         loop = asyncio.get_running_loop()
-        with self._bus.overhear(lambda event_id, event: hear(Occurrence(event_id, loop.time(), event))):
+        with self._bus.overhear(lambda event_id, event: receive(Occurrence(event_id, loop.time(), event))):
             yield
 
     @contextmanager

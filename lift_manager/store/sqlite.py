@@ -360,8 +360,8 @@ def _decode_record(path: Path, lift: object, text: object, hash_: object) -> Sav
 def _to_stored(pending: PendingRow) -> StoredRow:
     """Return a row as it is stored, without its number and hash."""
     at, row = pending
-    told = canonical(row.told)
-    return StoredRow(0, at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), told, b"")
+    written_data = canonical(row.written_data)
+    return StoredRow(0, at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), written_data, b"")
 
 
 def _to_pending(row: StoredRow) -> PendingRow:

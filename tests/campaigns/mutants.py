@@ -185,7 +185,7 @@ MUTANTS: tuple[Mutant, ...] = (
     ),
     Mutant(
         "rule of one press for a call",
-        (Edit("lift_manager/lift/requests.py", "want_call(call, floor, now)", "want_call(None, floor, now)"),),
+        (Edit("lift_manager/lift/requests.py", "request_call(call, floor, now)", "request_call(None, floor, now)"),),
     ),
     Mutant(
         "row before a press",

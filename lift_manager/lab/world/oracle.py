@@ -16,7 +16,7 @@ from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judged import FORBIDDEN, Finding, Judged, Read, SuspectValues
 from lift_manager.lab.world.shown import Untrue, untrue
 from lift_manager.lab.world.truth import History, Truth, in_words, sets_out
-from lift_manager.lab.world.wanted import is_wanted
+from lift_manager.lab.world.wanted import is_requested
 from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
 from lift_manager.lift.events import CommandEnded, HandedOver
 from lift_manager.lift.observation import RobotDoor
@@ -499,7 +499,7 @@ class Oracle:
             # it was requested over a face of which the judge learns nothing
             return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
         owed = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(state.holder, -math.inf)
-        return is_wanted(about, name, floor, truth, requests, on_s=on_s, owes_word=owed)
+        return is_requested(about, name, floor, truth, requests, on_s=on_s, owes_word=owed)
 
     def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
         claimed_at, pressed_at, outcome = claim

@@ -11,7 +11,7 @@ CLOSES_WITHIN_S = 10.0
 """How long a door may be told to close: the longest `max_hold_s` of a close button in the shipped maps."""
 
 
-def is_wanted(
+def is_requested(
     about: Judged,
     name: str,
     floor: int,

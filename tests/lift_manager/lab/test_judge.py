@@ -12,7 +12,7 @@ from lift_manager.lab.world.judged import DoorBy, Excuse, MapEvidence, SuspectVa
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
-from lift_manager.lab.world.wanted import is_wanted
+from lift_manager.lab.world.wanted import is_requested
 from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
 from lift_manager.lab.world.world import World
 from lift_manager.lift.events import CommandEnded, HandedOver, SessionOpened, SessionRestored
@@ -458,5 +458,5 @@ def test_a_call_that_keeps_the_door_open_stays_until_the_lift_is_told_of_the_rob
     about = replace(judge(blocks=frozenset()).judges["lift"], handshake=True)
     owed = said_at is not None
     request = FloorRequest("lift", ROBOT, "L1", hold_door=True)
-    wanted = is_wanted(about, "call", 1, SHUT, (request, replace(request, floor="L3")), on_s=9.0, owes_word=owed)
+    wanted = is_requested(about, "call", 1, SHUT, (request, replace(request, floor="L3")), on_s=9.0, owes_word=owed)
     assert wanted is owed

@@ -81,16 +81,16 @@ def test_a_repeat_with_another_answer_has_a_row() -> None:
 def test_a_press_tells_what_was_only_counted_before() -> None:
     rows, _ = taken(RequestRows("lift"), asked(), 0.0)
     rows, _ = taken(rows, asked(), 1.0)
-    rows, made = rows.tell(ROBOT, 2.0)
+    rows, made = rows.report(ROBOT, 2.0)
     assert [row.text for row in made] == ["asks for L2 again, 1 times within 1 s, with the same answer"]
-    assert rows.tell_due(100.0, end=True)[1] == ()
+    assert rows.report_due(100.0, end=True)[1] == ()
 
 
 def test_more_than_its_share_of_a_minute_is_counted_by_answer() -> None:
     rows = RequestRows("lift")
     for number in range(REQUEST_ROWS + 4):
         rows, _ = taken(rows, asked(f"L{number}"), 1.0, HELD if number % 2 else None)
-    _, made = rows.tell_due(2.0, end=True)
+    _, made = rows.report_due(2.0, end=True)
     assert [row.text for row in made] == ["asks 4 times more within 1 s: 2 accepted, 2 held"]
 
 

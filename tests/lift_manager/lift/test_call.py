@@ -50,18 +50,18 @@ def observed(
 
 
 def confirmed() -> Call:
-    return calls.call_answered(calls.press_call(calls.want_call(None, "L2", 0.0), 1, 0.0), CONFIRMED, 1.0)
+    return calls.call_answered(calls.press_call(calls.request_call(None, "L2", 0.0), 1, 0.0), CONFIRMED, 1.0)
 
 
 def test_a_repeat_of_a_pending_or_confirmed_call_changes_nothing() -> None:
-    pending = calls.press_call(calls.want_call(None, "L2", 0.0), 1, 0.0)
-    assert calls.want_call(pending, "L2", 5.0) is pending
+    pending = calls.press_call(calls.request_call(None, "L2", 0.0), 1, 0.0)
+    assert calls.request_call(pending, "L2", 5.0) is pending
     call = confirmed()
-    assert calls.want_call(call, "L2", 5.0) is call
+    assert calls.request_call(call, "L2", 5.0) is call
 
 
 def test_another_floor_is_a_new_call() -> None:
-    assert calls.want_call(confirmed(), "L3", 5.0) == Call("L3", CallPhase.WANTED, 5.0)
+    assert calls.request_call(confirmed(), "L3", 5.0) == Call("L3", CallPhase.REQUESTED, 5.0)
 
 
 @pytest.mark.parametrize(("failures", "pause"), [(0, 2.0), (1, 4.0), (2, 8.0), (3, 16.0), (4, 30.0), (9, 30.0)])
@@ -70,8 +70,8 @@ def test_the_pause_before_a_failed_call_is_pressed_again_doubles_up_to_half_a_mi
 ) -> None:
     call = calls.call_answered(Call("L2", CallPhase.PRESSED, 0.0, failures=failures), UNCONFIRMED, 10.0)
     assert call.phase is CallPhase.FAILED
-    assert calls.want_call(call, "L2", 10.0 + pause - 0.01).phase is CallPhase.FAILED
-    assert calls.want_call(call, "L2", 10.0 + pause).phase is CallPhase.WANTED
+    assert calls.request_call(call, "L2", 10.0 + pause - 0.01).phase is CallPhase.FAILED
+    assert calls.request_call(call, "L2", 10.0 + pause).phase is CallPhase.REQUESTED
 
 
 def test_arrival_forgives_earlier_failures() -> None:
@@ -136,14 +136,14 @@ def test_re_levelling_with_the_door_open_is_not_leaving() -> None:
 
 
 def test_where_the_car_stands_nothing_is_pressed() -> None:
-    wanted = calls.want_call(None, "L2", 0.0)
+    wanted = calls.request_call(None, "L2", 0.0)
     assert not calls.may_press_call(wanted, observed("L2"), ABLE, 1.0)
     assert calls.may_press_call(wanted, observed("L2", motion=Motion.UP), ABLE, 1.0)
     assert calls.may_press_call(wanted, observed("L1"), ABLE, 1.0)
 
 
 def test_a_car_that_stopped_off_level_is_called_after_a_while() -> None:
-    wanted = calls.want_call(None, "L2", 0.0)
+    wanted = calls.request_call(None, "L2", 0.0)
     assert calls.may_press_call(wanted, observed("L2"), ABLE, calls.SETTLES_WITHIN_S)
 
 
@@ -159,7 +159,7 @@ def test_a_command_waits_for_its_own_requirements_and_an_unread_one_is_not_given
 
 def test_a_lift_that_opens_for_a_call_is_called_where_it_stands_with_its_door_shut() -> None:
     opens = replace(ABLE, same_floor_call=True)
-    wanted = calls.want_call(None, "L2", 0.0)
+    wanted = calls.request_call(None, "L2", 0.0)
     assert calls.follow_call(wanted, observed("L2"), opens, 0.1) is wanted
     assert calls.may_press_call(wanted, observed("L2"), opens, 1.0)
     assert calls.follow_call(wanted, observed("L2", door=Door.OPEN), opens, 0.1).phase is CallPhase.ARRIVED
@@ -178,7 +178,7 @@ def shows_shut() -> Observation:
 
 
 def test_an_open_door_does_not_fulfil_a_call_that_has_to_hold_it_before_that_call_is_pressed() -> None:
-    wanted = calls.want_call(None, "L2", 0.0)
+    wanted = calls.request_call(None, "L2", 0.0)
     assert calls.follow_call(wanted, stands_open(), HOLDS, 0.1, is_hold=True) is wanted
     assert calls.may_press_call(wanted, stands_open(), HOLDS, 0.1, is_hold=True)
     assert calls.may_press_call(wanted, stands_open(), replace(HOLDS, same_floor_call=False), 0.1, is_hold=True)
@@ -219,7 +219,7 @@ def test_a_call_that_is_dropped_again_and_again_is_pressed_more_and_more_rarely(
         call = calls.call_failed(call, "dropped", at + 1)
         pauses.append(call.not_before - at - 1)
         at = call.not_before
-        call = calls.press_call(calls.want_call(call, "L2", at), 1, at)
+        call = calls.press_call(calls.request_call(call, "L2", at), 1, at)
     assert pauses == [2, 4, 8, 16, 30, 30]
     arrived = calls.follow_call(call, stands_open(), HOLDS, at, is_hold=True)
     assert calls.follow_call(arrived, stands_open(), HOLDS, at + 31, is_hold=True).failures == 0
@@ -227,7 +227,7 @@ def test_a_call_that_is_dropped_again_and_again_is_pressed_more_and_more_rarely(
 
 def test_a_call_that_a_restart_finds_off_is_pressed_by_the_next_request_without_a_pause() -> None:
     found_off = calls.call_found_off(calls.call_after_restart("L2", 5.0, pressed=True), "off", 5.0)
-    assert calls.want_call(found_off, "L2", 5.0).phase is CallPhase.WANTED
+    assert calls.request_call(found_off, "L2", 5.0).phase is CallPhase.REQUESTED
 
 
 def test_a_map_says_how_long_its_door_may_take_to_open() -> None:
@@ -239,11 +239,13 @@ def test_a_map_says_how_long_its_door_may_take_to_open() -> None:
 
 def test_a_lift_that_opens_for_a_call_is_called_again_only_after_its_door_shut() -> None:
     opens = replace(ABLE, same_floor_call=True)
-    arrived = calls.follow_call(calls.press_call(calls.want_call(None, "L2", 0.0), 1, 0.0), observed("L2"), opens, 1.0)
+    arrived = calls.follow_call(
+        calls.press_call(calls.request_call(None, "L2", 0.0), 1, 0.0), observed("L2"), opens, 1.0
+    )
     assert arrived.phase is CallPhase.ARRIVED
     still = calls.follow_call(arrived, observed("L2"), opens, 1.0 + opens.door_opens_within_s)
     assert still is arrived
     shut = calls.follow_call(arrived, observed("L2"), opens, 1.1 + opens.door_opens_within_s)
     assert shut.reason == "the door shut"
     assert calls.follow_call(shut, observed("L2"), opens, shut.not_before) is shut
-    assert calls.want_call(shut, "L2", shut.not_before).phase is CallPhase.WANTED
+    assert calls.request_call(shut, "L2", shut.not_before).phase is CallPhase.REQUESTED

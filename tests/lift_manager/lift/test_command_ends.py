@@ -71,7 +71,7 @@ def goes_on(kind: CommandType, **seen: Any) -> PendingCommand:
 
 @pressed_for
 def test_what_is_not_pressed_yet_waits_for_what_the_session_waits_for(kind: CommandType, what: str) -> None:
-    wanted: dict[str, Any] = {what: CommandProgress(CallPhase.WANTED)}
+    wanted: dict[str, Any] = {what: CommandProgress(CallPhase.REQUESTED)}
     assert goes_on(kind, **wanted, waiting_for="people").waiting_for == "people"
     assert goes_on(kind, **wanted).waiting_for == "its button to be pressed"
     assert not goes_on(kind, **wanted).pressed
@@ -88,7 +88,7 @@ def test_what_is_pressed_waits_for_the_lift(kind: CommandType, what: str) -> Non
 def test_what_is_wanted_once_more_was_pressed_unless_nothing_was_sent(
     kind: CommandType, what: str, outcome: Outcome | None, pressed: bool
 ) -> None:
-    seen: dict[str, Any] = {"pressed": True, what: CommandProgress(CallPhase.WANTED, outcome=outcome)}
+    seen: dict[str, Any] = {"pressed": True, what: CommandProgress(CallPhase.REQUESTED, outcome=outcome)}
     assert goes_on(kind, **seen).pressed is pressed
 
 
@@ -163,7 +163,7 @@ def test_a_command_for_a_floor_is_over_when_the_session_goes_elsewhere(
 
 
 def test_a_hold_waits_for_the_car() -> None:
-    wanted = CommandProgress(CallPhase.WANTED)
+    wanted = CommandProgress(CallPhase.REQUESTED)
     assert goes_on(CommandType.HOLD_DOOR, call=wanted).waiting_for == "the car to stand at L1"
     assert goes_on(CommandType.HOLD_DOOR, call=wanted, waiting_for="people", due_since=1.0) == PendingCommand(
         CommandType.HOLD_DOOR, "L1", "people"
@@ -207,18 +207,18 @@ def test_a_hold_that_is_not_seen_on_is_given_up(given: bool, waits: str) -> None
 
 @pytest.mark.parametrize(("pressed", "proof"), [(False, Proof.NONE), (True, Proof.READBACK)])
 def test_a_door_that_nothing_holds_is_let_go(pressed: bool, proof: Proof) -> None:
-    assert judged(CommandType.LET_GO_DOOR, pressed=pressed, door_is_free=True) == Verdict(
+    assert judged(CommandType.RELEASE_DOOR, pressed=pressed, door_is_free=True) == Verdict(
         CommandState.CONFIRMED, proof=proof
     )
 
 
 def test_a_door_that_is_not_seen_let_go_is_unconfirmed() -> None:
-    first = goes_on(CommandType.LET_GO_DOOR)
+    first = goes_on(CommandType.RELEASE_DOOR)
     assert first == PendingCommand(
-        CommandType.LET_GO_DOOR, "L1", "the lift to show that the door is let go", pressed=True, due_since=NOW
+        CommandType.RELEASE_DOOR, "L1", "the lift to show that the door is let go", pressed=True, due_since=NOW
     )
-    assert isinstance(judged(CommandType.LET_GO_DOOR, due_since=NOW - DOOR_WITHIN_S), PendingCommand)
-    over = judged(CommandType.LET_GO_DOOR, due_since=NOW - DOOR_WITHIN_S - 0.1)
+    assert isinstance(judged(CommandType.RELEASE_DOOR, due_since=NOW - DOOR_WITHIN_S), PendingCommand)
+    over = judged(CommandType.RELEASE_DOOR, due_since=NOW - DOOR_WITHIN_S - 0.1)
     assert isinstance(over, Verdict)
     assert (over.state, "not show within 10 s that the door is let go" in over.reason) == (
         CommandState.UNCONFIRMED,
@@ -233,13 +233,13 @@ def test_what_is_broken_off_is_unconfirmed_only_if_it_may_have_been_sent(kind: C
 
 
 PLACE: list[tuple[CommandType, str, bool, set[CommandType]]] = [
-    (CommandType.GO_TO, "L1", True, {CommandType.LET_GO_DOOR, CommandType.CLOSE_DOOR}),
+    (CommandType.GO_TO, "L1", True, {CommandType.RELEASE_DOOR, CommandType.CLOSE_DOOR}),
     (CommandType.GO_TO, "L1", False, {CommandType.HOLD_DOOR, CommandType.CLOSE_DOOR}),
     (CommandType.GO_TO, "L2", True, {CommandType.GO_TO, CommandType.HOLD_DOOR, CommandType.CLOSE_DOOR}),
     (CommandType.GO_TO, "L2", False, {CommandType.GO_TO, CommandType.HOLD_DOOR, CommandType.CLOSE_DOOR}),
-    (CommandType.HOLD_DOOR, "L1", True, {CommandType.LET_GO_DOOR, CommandType.CLOSE_DOOR}),
-    (CommandType.LET_GO_DOOR, "L1", False, {CommandType.HOLD_DOOR, CommandType.CLOSE_DOOR}),
-    (CommandType.CLOSE_DOOR, "L1", False, {CommandType.HOLD_DOOR, CommandType.LET_GO_DOOR}),
+    (CommandType.HOLD_DOOR, "L1", True, {CommandType.RELEASE_DOOR, CommandType.CLOSE_DOOR}),
+    (CommandType.RELEASE_DOOR, "L1", False, {CommandType.HOLD_DOOR, CommandType.CLOSE_DOOR}),
+    (CommandType.CLOSE_DOOR, "L1", False, {CommandType.HOLD_DOOR, CommandType.RELEASE_DOOR}),
     (CommandType.ROBOT_IN_PLACE, "L1", True, {CommandType.ROBOT_LEFT}),
     (CommandType.ROBOT_LEFT, "L1", True, {CommandType.ROBOT_IN_PLACE}),
 ]

@@ -12,7 +12,7 @@ from lift_manager.lift.requests import TURNS, SessionBegun
 from register_maps.words import Door, Motion
 from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, ROBOT, PaperLift
 
-GO_TO, HOLD, LET_GO, CLOSE = CommandType.GO_TO, CommandType.HOLD_DOOR, CommandType.LET_GO_DOOR, CommandType.CLOSE_DOOR
+GO_TO, HOLD, LET_GO, CLOSE = CommandType.GO_TO, CommandType.HOLD_DOOR, CommandType.RELEASE_DOOR, CommandType.CLOSE_DOOR
 
 
 def opened(lift: PaperLift | None = None) -> PaperLift:

@@ -59,7 +59,7 @@ def test_where_the_door_stood_open_counts_until_the_car_is_seen_elsewhere_or_und
     floor: str | None, *, under_way: bool, stays: bool
 ) -> None:
     before = replace(ABOARD, may_leave_at="L3")
-    assert occupancy.car_seen_at(before, floor, under_way=under_way) == (before if stays else ABOARD)
+    assert occupancy.car_observed_at(before, floor, under_way=under_way) == (before if stays else ABOARD)
 
 
 # -- what requests tell
@@ -174,7 +174,7 @@ def test_each_command_of_the_handshake_makes_it_matter_who_is_aboard(command: st
 
 
 @pytest.mark.parametrize(
-    ("boarding", "may_be_inside", "reported"),
+    ("boarding", "may_be_in_car", "reported"),
     [
         (OUTSIDE, False, Occupancy.OUTSIDE),
         (SENT_ON, True, Occupancy.MAY_BOARD),
@@ -184,9 +184,9 @@ def test_each_command_of_the_handshake_makes_it_matter_who_is_aboard(command: st
     ],
 )
 def test_a_robot_that_was_sent_on_unheard_may_be_inside(
-    boarding: Boarding, *, may_be_inside: bool, reported: Occupancy
+    boarding: Boarding, *, may_be_in_car: bool, reported: Occupancy
 ) -> None:
-    assert (boarding.may_be_inside, boarding.reported) == (may_be_inside, reported)
+    assert (boarding.may_be_in_car, boarding.reported) == (may_be_in_car, reported)
 
 
 # -- the doubt that a session leaves

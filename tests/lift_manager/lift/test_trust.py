@@ -347,7 +347,7 @@ def given(call: Call | None, *, pressed: bool = True) -> OwnCommands:
     return OwnCommands(call, pressed=pressed)
 
 
-HERE = calls.press_call(calls.want_call(None, "L1", 0.0), 1, 0.0)
+HERE = calls.press_call(calls.request_call(None, "L1", 0.0), 1, 0.0)
 
 
 def test_a_car_that_was_under_way_behind_its_closed_door_may_have_opened_it_by_the_next_reading() -> None:
@@ -389,7 +389,7 @@ def test_a_door_that_opens_after_our_own_press_is_believed_once_it_has_stayed_op
     ],
 )
 def test_no_other_open_door_is_believed(rows: Sequence[LiftValues], pressed_for: str | None) -> None:
-    call = None if pressed_for is None else calls.press_call(calls.want_call(None, pressed_for, 0.0), 1, 0.0)
+    call = None if pressed_for is None else calls.press_call(calls.request_call(None, pressed_for, 0.0), 1, 0.0)
     lift = Lift(MOTION)
     for row in rows:
         lift.read(row, given=given(call, pressed=call is not None), times=20)
@@ -438,7 +438,7 @@ def test_three_trips_in_a_row_end_the_distrust_of_a_door_and_one_against_it_begi
 
 
 def confirmed(floor: str) -> Call:
-    return calls.call_answered(calls.press_call(calls.want_call(None, floor, 0.0), 1, 0.0), CONFIRMED, 0.0)
+    return calls.call_answered(calls.press_call(calls.request_call(None, floor, 0.0), 1, 0.0), CONFIRMED, 0.0)
 
 
 def lost(call: Call) -> Call:
@@ -498,7 +498,7 @@ def test_a_call_that_was_not_confirmed_contradicts_nothing() -> None:
     unconfirmed = Outcome(CONFIRMED.command, Result.UNCONFIRMED, "nothing showed")
     lift = Lift(MOTION)
     for start, called, ends in (("L1", "L2", "L3"), ("L3", "L1", "L2")):
-        pressed = calls.press_call(calls.want_call(None, called, 0.0), 1, 0.0)
+        pressed = calls.press_call(calls.request_call(None, called, 0.0), 1, 0.0)
         lift.read(at(start, C, S), at(start, C, UP), at(ends, C, UP), at(ends, O, S), given=given(pressed))
         lift.read(at(ends, O, S), given=given(calls.call_answered(pressed, unconfirmed, 0.0))).read(at(ends, C, S))
     assert lift.news == []

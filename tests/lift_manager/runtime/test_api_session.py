@@ -96,9 +96,9 @@ def test_neither_arrival_nor_letting_go_of_the_door_ends_a_session() -> None:
         await made.done(session, CommandType.HOLD_DOOR)
         await stands_open(made, "L2")
         assert made.read(session).hold_ends_in_s is not None
-        assert (await made.done(session, CommandType.LET_GO_DOOR)).proof is Proof.READBACK
+        assert (await made.done(session, CommandType.RELEASE_DOOR)).proof is Proof.READBACK
         assert made.read(session).hold_ends_in_s is None
-        assert (await made.done(session, CommandType.LET_GO_DOOR)).proof is Proof.NONE
+        assert (await made.done(session, CommandType.RELEASE_DOOR)).proof is Proof.NONE
         await elapse(20)
         assert made.state.holder == ROBOT
         assert made.state.robot_door is not RobotDoor.OPEN
@@ -111,7 +111,7 @@ def test_a_door_that_a_call_held_is_held_again_by_another_press_of_it() -> None:
         session = made.opened()
         await made.done(session, CommandType.GO_TO, "L2")
         await stands_open(made, "L2")
-        assert (await made.done(session, CommandType.LET_GO_DOOR)).proof is Proof.READBACK
+        assert (await made.done(session, CommandType.RELEASE_DOOR)).proof is Proof.READBACK
         await elapse(15)
         assert made.state.robot_door is not RobotDoor.OPEN
         await made.done(session, CommandType.HOLD_DOOR)
@@ -269,7 +269,7 @@ def test_a_key_that_was_used_for_another_wish_is_refused_and_nothing_is_done() -
 def test_the_newest_requests_and_sessions_are_remembered() -> None:
     async def check(made: Spine) -> None:
         session = made.opened()
-        numbers = [made.taken(session, CommandType.LET_GO_DOOR).id for _ in range(COMMANDS + 1)]
+        numbers = [made.taken(session, CommandType.RELEASE_DOOR).id for _ in range(COMMANDS + 1)]
         gone = refusal(made.site.command_status, "lift", session.id, ROBOT, numbers[0])
         assert gone.code is Refusal.NO_SUCH_COMMAND
         assert made.site.command_status("lift", session.id, ROBOT, numbers[1]).id == numbers[1]

@@ -177,7 +177,7 @@ def test_a_request_that_is_pending_when_the_manager_stops_says_what_became_of_it
     async def sent(made: Bench) -> None:
         session = await called(made)
         made.driver.unseen = True
-        followed = made.taken(session, CommandType.LET_GO_DOOR)
+        followed = made.taken(session, CommandType.RELEASE_DOOR)
         assert followed.state is CommandState.PENDING
         await made.life.stop()
         after = made.now(session, followed)

@@ -122,7 +122,7 @@ def test_a_renewal_of_one_that_was_asked_for_no_floor_presses_robot_mode_alone()
 def test_a_request_makes_it_go_on_and_a_door_that_was_let_go_stays_so() -> None:
     async def before(made: Bench) -> SessionInfo:
         session = await arrived(made)
-        await made.done(session, CommandType.LET_GO_DOOR)
+        await made.done(session, CommandType.RELEASE_DOOR)
         return session
 
     async def after(made: Bench, session: SessionInfo) -> None:

@@ -30,8 +30,8 @@ def test_nobody_hears_anything_after_the_end_of_listening() -> None:
 
     async def main() -> None:
         with bus.listen():
-            assert bus.heard
-        assert not bus.heard
+            assert bus.received
+        assert not bus.received
 
     run_virtual(main)
 
@@ -78,16 +78,16 @@ def test_the_end_of_a_session_says_why() -> None:
 
 def test_every_event_has_an_id_of_this_process_and_its_number_heard_or_not() -> None:
     bus: Bus[str] = Bus("b0")
-    heard: list[tuple[str, str]] = []
+    received: list[tuple[str, str]] = []
     assert bus.newest == 0
     assert bus.publish("one") == "b0-1"
-    with bus.tap(lambda event, item: heard.append((event, item))):
-        ears = [bus.heard]
+    with bus.tap(lambda event, item: received.append((event, item))):
+        ears = [bus.received]
         assert bus.publish("two") == "b0-2"
-        assert bus.publish("three", lambda event: heard.append((event, "noted"))) == "b0-3"
-    assert [*ears, bus.heard] == [True, False]
+        assert bus.publish("three", lambda event: received.append((event, "noted"))) == "b0-3"
+    assert [*ears, bus.received] == [True, False]
     assert bus.publish("four") == "b0-4"
-    assert heard == [("b0-2", "two"), ("b0-3", "noted"), ("b0-3", "three")]
+    assert received == [("b0-2", "two"), ("b0-3", "noted"), ("b0-3", "three")]
     assert bus.newest == 4
 
 
@@ -102,17 +102,17 @@ def test_a_later_start_has_another_boot_that_sorts_behind() -> None:
 
 def test_a_state_that_changed_while_nobody_listened_is_told_before_the_next_snapshot() -> None:
     async def check(made: Spine) -> None:
-        heard: list[Occurrence] = []
-        with made.site.tap(heard.append):
+        received: list[Occurrence] = []
+        with made.site.tap(received.append):
             made.site.freshen()
-        heard.clear()
+        received.clear()
         made.accept("L2")
         await made.until(lambda state: state.floor == "L2" and state.standing)
-        with made.site.tap(heard.append):
+        with made.site.tap(received.append):
             made.site.freshen()
             made.site.freshen()
-        states = [event.state for occurrence in heard if isinstance(event := occurrence.event, StateChanged)]
+        states = [event.state for occurrence in received if isinstance(event := occurrence.event, StateChanged)]
         assert [state.floor for state in states] == ["L2"]
-        assert heard[-1].id == f"{made.site.boot}-{made.site.newest}"
+        assert received[-1].id == f"{made.site.boot}-{made.site.newest}"
 
     on_spine(check)

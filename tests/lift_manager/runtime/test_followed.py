@@ -136,7 +136,7 @@ def test_a_hold_fails_with_the_call_that_it_waits_for() -> None:
 def test_a_hold_that_is_never_seen_on_ends_unconfirmed() -> None:
     async def check(made: Bench) -> None:
         session = await called(made)
-        await made.done(session, CommandType.LET_GO_DOOR)
+        await made.done(session, CommandType.RELEASE_DOOR)
         made.driver.unseen = True
         hold = made.taken(session, CommandType.HOLD_DOOR)
         status, reason = ends(await made.ended(session, hold, DOOR_WITHIN_S + 1))
@@ -150,7 +150,7 @@ def test_a_door_that_is_never_seen_let_go_ends_unconfirmed_and_close_is_not_pres
         session = await called(made)
         await made.done(session, CommandType.ROBOT_LEFT)
         made.driver.unseen = True
-        let_go = made.taken(session, CommandType.LET_GO_DOOR)
+        let_go = made.taken(session, CommandType.RELEASE_DOOR)
         status, reason = ends(await made.ended(session, let_go, DOOR_WITHIN_S + 1))
         assert (status, "letting go is repeated until it does" in reason) == (CommandState.UNCONFIRMED, True)
         close = made.taken(session, CommandType.CLOSE_DOOR)
@@ -265,7 +265,7 @@ def test_a_hold_that_was_spent_is_not_taken_up_again_at_this_floor() -> None:
         await elapse(31)
         assert not made.read(session).door_held
         assert made.refused_within(session, CommandType.HOLD_DOOR).code is Refusal.NOT_NOW
-        await made.done(session, CommandType.LET_GO_DOOR)
+        await made.done(session, CommandType.RELEASE_DOOR)
         assert made.refused_within(session, CommandType.HOLD_DOOR).code is Refusal.NOT_NOW
 
     on_bench(check, PLAIN, max_session_hold_s=30.0)
@@ -275,7 +275,7 @@ def test_a_hold_without_a_floor_makes_no_sense() -> None:
     async def check(made: Bench) -> None:
         session = made.opened()
         assert made.refused_within(session, CommandType.HOLD_DOOR).code is Refusal.NOT_NOW
-        assert made.taken(session, CommandType.LET_GO_DOOR).state is CommandState.CONFIRMED
+        assert made.taken(session, CommandType.RELEASE_DOOR).state is CommandState.CONFIRMED
 
     on_bench(check, PLAIN)
 

@@ -85,13 +85,13 @@ def test_a_lift_that_was_not_told_that_the_robot_left_is_told_after_the_start(
         await elapse(1)
         assert made.state.holder is None
         assert made.presses == ["robot_left"]
-        assert saved(memory).robot_left_owed_since is None
+        assert saved(memory).robot_left_pending_since is None
         made.accept("L1", holder=OTHER)
         await elapse(60)
         assert made.presses == ["robot_left", "call L1"]
 
     on_bench(before, recorder=memory, clock=lambda: AT)
-    assert saved(memory).robot_left_owed_since == AT
+    assert saved(memory).robot_left_pending_since == AT
     on_bench(after, recorder=memory, clock=lambda: AT + timedelta(seconds=off_s))
 
 
@@ -112,7 +112,7 @@ def test_it_is_told_again_until_it_takes_it_after_a_second_start_too() -> None:
     on_bench(released, recorder=memory)
     on_bench(in_vain, recorder=memory, at_once=refuses)
     on_bench(taken, recorder=memory)
-    assert saved(memory).robot_left_owed_since is None
+    assert saved(memory).robot_left_pending_since is None
 
 
 @pytest.mark.parametrize("waiting", [False, True])
@@ -127,7 +127,7 @@ def test_a_person_who_has_seen_to_the_lift_ends_it(*, waiting: bool) -> None:
         told = len(made.presses)
         said = made.site.acknowledge("lift", "M. Weber")
         assert said.causes == (Cause.OCCUPIED,)
-        assert made.site.durable("lift").robot_left_owed_since is None
+        assert made.site.durable("lift").robot_left_pending_since is None
         made.accept("L1", holder=OTHER)
         await elapse(30)
         assert made.presses[told:] == ["call L1"]
@@ -164,7 +164,7 @@ def test_a_lockout_puts_it_off() -> None:
         made.site.end_lockout("lift", "M. Weber")
         await elapse(35)
         assert made.presses[-1] == "robot_left"
-        assert made.site.durable("lift").robot_left_owed_since is None
+        assert made.site.durable("lift").robot_left_pending_since is None
 
     on_bench(check)
 
@@ -179,7 +179,7 @@ def test_a_lift_without_that_word_is_owed_none() -> None:
         made.accept("L3", LEFT, hold=False)
         await elapse(1)
         assert made.driver.values.doors == {FRONT: Door.OPEN}
-        assert saved(memory).robot_left_owed_since is None
+        assert saved(memory).robot_left_pending_since is None
 
     on_bench(check, able, recorder=memory)
 

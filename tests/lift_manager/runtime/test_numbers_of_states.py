@@ -15,7 +15,7 @@ def unheard(check: Callable[[Bench], Awaitable[None]]) -> None:
 
     async def checked(made: Bench) -> None:
         await check(made)
-        assert not made.bus.heard
+        assert not made.bus.received
 
     on_bench(checked, PLAIN, lease_s=60, listens=False)
 

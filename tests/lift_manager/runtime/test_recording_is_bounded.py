@@ -32,8 +32,8 @@ def on_journal(
     for number in range(times):
         act(journal, number * every_s)
         if number % 10 == 0:
-            journal.tell((number + 1) * every_s)
-    journal.tell(times * every_s + then_s)
+            journal.report((number + 1) * every_s)
+    journal.report(times * every_s + then_s)
     return recorder.rows
 
 

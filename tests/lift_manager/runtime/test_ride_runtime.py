@@ -97,17 +97,17 @@ def test_rides_that_lose_their_lift_at_the_same_moment_do_not_all_take_the_same_
 
 def test_lifts_are_listened_to_only_for_as_long_as_a_ride_matters() -> None:
     async def check(made: Building) -> None:
-        heard = [made.bus.heard]
+        received = [made.bus.received]
         ride = made.begin("A")
         await made.car("A", "L1", Door.OPEN)
-        heard.append(made.bus.heard)
+        received.append(made.bus.received)
         await made.taken_away()
         await elapse(5)
-        heard.append(made.bus.heard)  # its robot may be inside
+        received.append(made.bus.received)  # its robot may be inside
         made.report(ride, RideWord.LEFT)
         await elapse(5)
-        heard.append(made.bus.heard)
-        assert heard == [False, True, True, False]
+        received.append(made.bus.received)
+        assert received == [False, True, True, False]
 
     in_building(check, "A")
 

@@ -175,7 +175,7 @@ def test_nothing_is_told_of_an_earlier_robot_while_the_next_one_may_be_going_in(
         made.driver.answers.clear()
         await elapse(60)
         assert "robot_left" not in made.presses[4:]
-        assert made.site.durable("lift").robot_left_owed_since is None
+        assert made.site.durable("lift").robot_left_pending_since is None
 
     on_bench(check)
 

@@ -93,7 +93,7 @@ def test_a_lift_that_flaps_has_as_many_lines_in_the_log_as_rows_in_the_journal(
     journal, faults = LiftJournal("east", "plc", recorder), cycle(["", "no answer"])
     for number in range(600):
         journal.link(next(faults), number / 2)
-        journal.tell(number / 2 + 0.5)
+        journal.report(number / 2 + 0.5)
     lines = [record.getMessage() for record in caplog.records if record.name == LOGGER]
     assert lines == [f"east: {row.text}" for row in recorder.rows]
     assert len(lines) < CHANGES + 12

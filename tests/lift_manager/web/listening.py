@@ -21,7 +21,7 @@ class Happening(FakeSite):
     @property
     def has_ears(self) -> bool:
         """Whether anybody listens."""
-        return self.bus.heard
+        return self.bus.received
 
     def shift(self, lift: str = "lift", **changes: Any) -> None:
         """Let a lift change."""
