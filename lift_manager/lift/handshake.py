@@ -35,7 +35,7 @@ from lift_manager.lift.observation import (
     robot_door,
 )
 from lift_manager.lift.occupancy import (
-    Boarding,
+    BoardingProgress,
     Occupancy,
     OccupancyAtEnd,
     RobotWord,
@@ -139,7 +139,7 @@ def _why_unknown(draft: Draft, session: Session | None, floor: FloorName, word: 
 
 
 def _request_words(
-    draft: Draft, before: Boarding, session: Session | None, here: FloorName, word: RobotWord | None
+    draft: Draft, before: BoardingProgress, session: Session | None, here: FloorName, word: RobotWord | None
 ) -> None:
     """Want the words that follow from a request."""
     if draft.record.boarding.occupancy is Occupancy.ABOARD:
@@ -249,7 +249,7 @@ def end_session_part(
         return
     parting = parting_of(draft.config, draft.record, session, release, arrived=arrived)
     boarding = draft.record.boarding
-    draft.change(boarding=Boarding())
+    draft.change(boarding=BoardingProgress())
     if parting is OccupancyAtEnd.EXITED and release is not None:
         report_robot_left(draft, release[0])
         # what is on stays on until the lift knows that the robot left
@@ -274,7 +274,7 @@ def release_without_session(draft: Draft, holder: Holder, floor: FloorName, word
     if is_mine and record.boarding.occupancy is not Occupancy.ABOARD:
         found_empty(draft)
     elif is_mine and record.boarding.may_leave_at is not None:
-        draft.change(boarding=Boarding(), abandoned_by=None)
+        draft.change(boarding=BoardingProgress(), abandoned_by=None)
         report_robot_left(draft, floor)
     elif record.abandoned_by is None:
         request_word_again(draft, "robot_left")
@@ -283,7 +283,7 @@ def release_without_session(draft: Draft, holder: Holder, floor: FloorName, word
 def found_empty(draft: Draft) -> None:
     """Take it that no robot of an earlier session is in the car; a lift that may still count one is told."""
     was_aboard = draft.record.boarding.occupancy is Occupancy.ABOARD
-    draft.change(abandoned_by=None, boarding=Boarding())
+    draft.change(abandoned_by=None, boarding=BoardingProgress())
     if was_aboard:
         report_robot_left(draft, draft.config.floors[0])
     else:
@@ -324,7 +324,7 @@ def restore_occupied(draft: Draft) -> None:
 def restore_session(draft: Draft, saved: SavedSession, floor: FloorName) -> None:
     """Go on with the robot of a session from before a restart. What the lift was told is not told again."""
     kept = saved.boarding
-    boarding = Boarding(kept.occupancy, may_leave_at=kept.may_leave_at, sent_on=kept.sent_on)
+    boarding = BoardingProgress(kept.occupancy, may_leave_at=kept.may_leave_at, sent_on=kept.sent_on)
     draft.change(abandoned_by=None, boarding=boarding)
     if kept.in_place_taken:
         # the moment of the start: a word counts as taken from then on

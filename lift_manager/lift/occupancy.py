@@ -38,7 +38,7 @@ class Occupancy(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Boarding:
+class BoardingProgress:
     """What is known of the session's robot."""
 
     occupancy: Occupancy = Occupancy.OUTSIDE
@@ -99,36 +99,36 @@ def occupancy_matters(capabilities: Capabilities) -> bool:
     return capabilities.needs_occupancy or bool(capabilities.commands & HANDSHAKE)
 
 
-def is_aboard(boarding: Boarding, capabilities: Capabilities) -> bool | None:
+def is_aboard(boarding: BoardingProgress, capabilities: Capabilities) -> bool | None:
     """Whether the robot counts as aboard; None where nobody says, and the lift does not need to know."""
     if boarding.occupancy is Occupancy.ABOARD:
         return True
     return False if occupancy_matters(capabilities) or boarding.occupancy is Occupancy.EXITED else None
 
 
-def boarding_without_session(*, aboard: bool) -> Boarding:
+def boarding_without_session(*, aboard: bool) -> BoardingProgress:
     """Return what is known of a robot whose session ended before anybody said that it was outside."""
-    return Boarding(Occupancy.ABOARD if aboard else Occupancy.MAY_BOARD)
+    return BoardingProgress(Occupancy.ABOARD if aboard else Occupancy.MAY_BOARD)
 
 
 # -- what readings tell
 
 
-def stands_open_to_enter(boarding: Boarding, now: float) -> Boarding:
+def stands_open_to_enter(boarding: BoardingProgress, now: float) -> BoardingProgress:
     """Note that the session's stop stands open for a robot outside."""
     if boarding.occupancy is Occupancy.OUTSIDE:
-        return Boarding(Occupancy.MAY_BOARD, open_since=now, sent_on=boarding.sent_on)
+        return BoardingProgress(Occupancy.MAY_BOARD, open_since=now, sent_on=boarding.sent_on)
     if boarding.occupancy is Occupancy.MAY_BOARD and boarding.open_since is None:
         return replace(boarding, open_since=now)
     return boarding
 
 
-def stands_open_to_leave(boarding: Boarding, floor: FloorName) -> Boarding:
+def stands_open_to_leave(boarding: BoardingProgress, floor: FloorName) -> BoardingProgress:
     """Note that the door stands open for the robot aboard."""
     return replace(boarding, may_leave_at=floor) if boarding.occupancy is Occupancy.ABOARD else boarding
 
 
-def car_observed_at(boarding: Boarding, floor: FloorName | None, *, under_way: bool) -> Boarding:
+def car_observed_at(boarding: BoardingProgress, floor: FloorName | None, *, under_way: bool) -> BoardingProgress:
     """Forget that the robot could leave once the car is seen elsewhere, or under way with its doors shut.
 
     A car that reports no floor may still stand there.
@@ -142,10 +142,15 @@ def car_observed_at(boarding: Boarding, floor: FloorName | None, *, under_way: b
 
 
 def boarding_by_request(
-    boarding: Boarding, floor: FloorName, word: RobotWord | None, stop: Stop | None, config: LiftConfig, now: float
-) -> Boarding | str:
+    boarding: BoardingProgress,
+    floor: FloorName,
+    word: RobotWord | None,
+    stop: Stop | None,
+    config: LiftConfig,
+    now: float,
+) -> BoardingProgress | str:
     """Take a request of the holder, or return why it cannot be taken. `stop` is None where there is no session yet."""
-    after: Boarding | str = boarding
+    after: BoardingProgress | str = boarding
     if word is RobotWord.IN_PLACE:
         after = _robot_in_place(boarding, stop)
     elif word is RobotWord.LEFT:
@@ -154,12 +159,12 @@ def boarding_by_request(
         return after
     if stop is None:
         # a doubt goes along into a session of its own: the robot may have entered before it, so every floor is a ride
-        return Boarding(Occupancy.MAY_BOARD, sent_on=True) if after.occupancy is Occupancy.MAY_BOARD else after
+        return BoardingProgress(Occupancy.MAY_BOARD, sent_on=True) if after.occupancy is Occupancy.MAY_BOARD else after
     return after if floor == stop.floor else _sent_on(after, stop, config, now)
 
 
 def has_exited(
-    boarding: Boarding, floor: FloorName, word: RobotWord | None, target: FloorName | None, config: LiftConfig
+    boarding: BoardingProgress, floor: FloorName, word: RobotWord | None, target: FloorName | None, config: LiftConfig
 ) -> bool:
     """Whether a release says that the robot got out: in words, or by being made at the target."""
     if boarding.occupancy is not Occupancy.ABOARD or boarding.may_leave_at is None:
@@ -169,7 +174,7 @@ def has_exited(
 
 
 def leaves_doubt(
-    boarding: Boarding, *, released: bool, word: RobotWord | None, arrived: bool, has_words: bool, let_out: bool
+    boarding: BoardingProgress, *, released: bool, word: RobotWord | None, arrived: bool, has_words: bool, let_out: bool
 ) -> bool:
     """Whether the end of a session leaves it open whether its robot is in the car. `released` says that its holder ended it.
 
@@ -185,26 +190,26 @@ def leaves_doubt(
     return boarding.may_be_in_car
 
 
-def _robot_in_place(boarding: Boarding, stop: Stop | None) -> Boarding | str:
+def _robot_in_place(boarding: BoardingProgress, stop: Stop | None) -> BoardingProgress | str:
     if boarding.occupancy is Occupancy.ABOARD:
         return boarding
     if boarding.occupancy is Occupancy.OUTSIDE and stop is not None and not stop.has_arrived:
         return f"no robot can be in place, because the car has not arrived at {stop.floor}; say it once the robot is inside"
-    return Boarding(Occupancy.ABOARD)
+    return BoardingProgress(Occupancy.ABOARD)
 
 
-def _robot_left(boarding: Boarding) -> Boarding | str:
+def _robot_left(boarding: BoardingProgress) -> BoardingProgress | str:
     if boarding.occupancy is Occupancy.ABOARD and boarding.may_leave_at is None:
         return "no robot can have left, because the door has not stood open for it; say it once the robot is outside"
-    return Boarding() if boarding.occupancy is Occupancy.OUTSIDE else Boarding(Occupancy.EXITED)
+    return BoardingProgress() if boarding.occupancy is Occupancy.OUTSIDE else BoardingProgress(Occupancy.EXITED)
 
 
-def _sent_on(boarding: Boarding, stop: Stop, config: LiftConfig, now: float) -> Boarding | str:
+def _sent_on(boarding: BoardingProgress, stop: Stop, config: LiftConfig, now: float) -> BoardingProgress | str:
     """Take another floor than the session's stop."""
     if boarding.occupancy is Occupancy.ABOARD:
         return replace(boarding, may_leave_at=None)
     if boarding.occupancy is not Occupancy.MAY_BOARD or not occupancy_matters(config.capabilities):
-        return Boarding(sent_on=boarding.may_be_in_car)
+        return BoardingProgress(sent_on=boarding.may_be_in_car)
     unknown = f"a robot may have entered the car at {stop.floor}"
     if not config.infer_occupancy:
         return f"{unknown}; say that the robot is in place, or set `infer_occupancy: true` in the site file"
@@ -218,4 +223,4 @@ def _sent_on(boarding: Boarding, stop: Stop, config: LiftConfig, now: float) -> 
             f"{unknown}: its door has stood open for {open_for_s:.1f} s, and a robot counts as aboard after"
             f" {config.board_min_s:g} s; say that the robot is in place, or ask again"
         )
-    return Boarding(Occupancy.ABOARD)
+    return BoardingProgress(Occupancy.ABOARD)

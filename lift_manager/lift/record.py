@@ -13,7 +13,7 @@ from lift_manager.lift.commands import CommandEntry, CommandProgress, PastSessio
 from lift_manager.lift.events import Acknowledged, Restriction, RestrictionKind
 from lift_manager.lift.inputs import Outputs
 from lift_manager.lift.observation import Observation
-from lift_manager.lift.occupancy import Boarding, Occupancy, SavedBoarding
+from lift_manager.lift.occupancy import BoardingProgress, Occupancy, SavedBoarding
 from lift_manager.lift.queue import Queue
 from lift_manager.lift.session import EndReason, Holder, Session
 from lift_manager.lift.trust import Track, Trust
@@ -235,7 +235,7 @@ class LiftRecord:
     presses_made: int = 0
 
     # where its robot is
-    boarding: Boarding = field(default_factory=Boarding)
+    boarding: BoardingProgress = field(default_factory=BoardingProgress)
     abandoned_by: Holder | None = None
     """Whose session ended while its robot was, or may have been, in the car."""
     in_place: HandshakeWord = field(default_factory=HandshakeWord)

@@ -7,7 +7,7 @@ import pytest
 from drivers.model import Capabilities
 from lift_manager.lift import occupancy
 from lift_manager.lift.config import LiftConfig
-from lift_manager.lift.occupancy import Boarding, Occupancy, RobotWord, Stop
+from lift_manager.lift.occupancy import BoardingProgress, Occupancy, RobotWord, Stop
 from tests.lift_manager.lift.paper import HANDSHAKE, PLAIN, PaperLift
 
 IN_PLACE, LEFT = RobotWord.IN_PLACE, RobotWord.LEFT
@@ -21,9 +21,9 @@ SPOKEN, INFERRED, BLIND = config(HANDSHAKE), config(HANDSHAKE, infer=True), conf
 """A lift that has to know who is aboard, told in words only; the same where it may be inferred; and one that need not know."""
 OPEN = Stop("L1", has_arrived=True, is_open=True)
 UNDER_WAY = Stop("L1", has_arrived=False, is_open=False)
-OUTSIDE, ABOARD, EXITED = Boarding(), Boarding(Occupancy.ABOARD), Boarding(Occupancy.EXITED)
-MAY_BOARD = Boarding(Occupancy.MAY_BOARD, open_since=10.0)
-SENT_ON = Boarding(sent_on=True)
+OUTSIDE, ABOARD, EXITED = BoardingProgress(), BoardingProgress(Occupancy.ABOARD), BoardingProgress(Occupancy.EXITED)
+MAY_BOARD = BoardingProgress(Occupancy.MAY_BOARD, open_since=10.0)
+SENT_ON = BoardingProgress(sent_on=True)
 
 
 # -- what readings tell
@@ -40,14 +40,16 @@ SENT_ON = Boarding(sent_on=True)
         (EXITED, EXITED),
     ],
 )
-def test_a_robot_outside_may_board_once_the_car_has_stood_open_for_it(before: Boarding, after: Boarding) -> None:
+def test_a_robot_outside_may_board_once_the_car_has_stood_open_for_it(
+    before: BoardingProgress, after: BoardingProgress
+) -> None:
     assert occupancy.stands_open_to_enter(before, 20.0) == after
 
 
 @pytest.mark.parametrize(
     ("before", "after"), [(ABOARD, replace(ABOARD, may_leave_at="L3")), (MAY_BOARD, MAY_BOARD), (OUTSIDE, OUTSIDE)]
 )
-def test_only_a_robot_aboard_can_leave(before: Boarding, after: Boarding) -> None:
+def test_only_a_robot_aboard_can_leave(before: BoardingProgress, after: BoardingProgress) -> None:
     assert occupancy.stands_open_to_leave(before, "L3") == after
 
 
@@ -74,7 +76,7 @@ def test_where_the_door_stood_open_counts_until_the_car_is_seen_elsewhere_or_und
         (MAY_BOARD, "L1", IN_PLACE, OPEN, SPOKEN, ABOARD),
         (MAY_BOARD, "L3", IN_PLACE, UNDER_WAY, SPOKEN, ABOARD),
         (OUTSIDE, "L3", IN_PLACE, None, SPOKEN, ABOARD),
-        (MAY_BOARD, "L3", None, None, SPOKEN, Boarding(Occupancy.MAY_BOARD, sent_on=True)),
+        (MAY_BOARD, "L3", None, None, SPOKEN, BoardingProgress(Occupancy.MAY_BOARD, sent_on=True)),
         (MAY_BOARD, "L3", None, OPEN, INFERRED, ABOARD),
         (MAY_BOARD, "L3", None, OPEN, BLIND, SENT_ON),
         (replace(ABOARD, may_leave_at="L1"), "L3", None, OPEN, SPOKEN, ABOARD),
@@ -103,7 +105,12 @@ def test_where_the_door_stood_open_counts_until_the_car_is_seen_elsewhere_or_und
     ],
 )
 def test_a_request_settles_where_the_robot_is(
-    before: Boarding, floor: str, word: RobotWord | None, stop: Stop | None, site: LiftConfig, after: Boarding
+    before: BoardingProgress,
+    floor: str,
+    word: RobotWord | None,
+    stop: Stop | None,
+    site: LiftConfig,
+    after: BoardingProgress,
 ) -> None:
     assert occupancy.boarding_by_request(before, floor, word, stop, site, 15.0) == after
 
@@ -120,7 +127,7 @@ def test_a_request_settles_where_the_robot_is(
     ],
 )
 def test_a_request_that_cannot_be_believed_says_why(
-    before: Boarding, word: RobotWord | None, stop: Stop, site: LiftConfig, now: float, texts: tuple[str, ...]
+    before: BoardingProgress, word: RobotWord | None, stop: Stop, site: LiftConfig, now: float, texts: tuple[str, ...]
 ) -> None:
     why = occupancy.boarding_by_request(before, "L3", word, stop, site, now)
     assert isinstance(why, str)
@@ -140,7 +147,7 @@ def test_a_request_that_cannot_be_believed_says_why(
     ],
 )
 def test_a_release_means_exited_with_the_word_where_the_door_stood_open_or_at_the_target_where_that_may_be_inferred(
-    boarding: Boarding, floor: str, word: RobotWord | None, target: str, site: LiftConfig, *, exited: bool
+    boarding: BoardingProgress, floor: str, word: RobotWord | None, target: str, site: LiftConfig, *, exited: bool
 ) -> None:
     assert occupancy.has_exited(boarding, floor, word, target, site) is exited
 
@@ -150,7 +157,7 @@ def test_a_release_means_exited_with_the_word_where_the_door_stood_open_or_at_th
 
 @pytest.mark.parametrize("state", Occupancy)
 def test_on_a_lift_that_has_to_know_a_robot_is_aboard_only_once_that_is_known(state: Occupancy) -> None:
-    assert occupancy.is_aboard(Boarding(state), HANDSHAKE) is (state is Occupancy.ABOARD)
+    assert occupancy.is_aboard(BoardingProgress(state), HANDSHAKE) is (state is Occupancy.ABOARD)
 
 
 @pytest.mark.parametrize(
@@ -163,7 +170,7 @@ def test_on_a_lift_that_has_to_know_a_robot_is_aboard_only_once_that_is_known(st
     ],
 )
 def test_on_another_lift_nobody_says_unless_the_robot_did(state: Occupancy, aboard: bool | None) -> None:
-    assert occupancy.is_aboard(Boarding(state), PLAIN) is aboard
+    assert occupancy.is_aboard(BoardingProgress(state), PLAIN) is aboard
 
 
 @pytest.mark.parametrize("command", ["call", "go", "robot_in_place", "robot_left"])
@@ -184,7 +191,7 @@ def test_each_command_of_the_handshake_makes_it_matter_who_is_aboard(command: st
     ],
 )
 def test_a_robot_that_was_sent_on_unheard_may_be_inside(
-    boarding: Boarding, *, may_be_in_car: bool, reported: Occupancy
+    boarding: BoardingProgress, *, may_be_in_car: bool, reported: Occupancy
 ) -> None:
     assert (boarding.may_be_in_car, boarding.reported) == (may_be_in_car, reported)
 
@@ -203,7 +210,7 @@ def test_a_robot_that_was_sent_on_unheard_may_be_inside(
         (EXITED, False, False, False),
     ],
 )
-def test_a_doubt_remains_after(boarding: Boarding, *, released: bool, arrived: bool, otherwise: bool) -> None:
+def test_a_doubt_remains_after(boarding: BoardingProgress, *, released: bool, arrived: bool, otherwise: bool) -> None:
     ends = ((True, False), (False, True), (False, False))
     doubts = [
         occupancy.leaves_doubt(boarding, released=by_holder, word=None, arrived=there, has_words=False, let_out=True)
@@ -226,7 +233,7 @@ def test_a_doubt_remains_after(boarding: Boarding, *, released: bool, arrived: b
     ],
 )
 def test_the_end_of_a_holder_without_words_leaves_a_doubt_until_the_door_stood_open_for_a_robot_that_was_sent_on(
-    boarding: Boarding, *, let_out: bool, doubt: bool
+    boarding: BoardingProgress, *, let_out: bool, doubt: bool
 ) -> None:
     leaves = occupancy.leaves_doubt(boarding, released=True, word=None, arrived=False, has_words=False, let_out=let_out)
     assert leaves is doubt
@@ -237,7 +244,7 @@ def test_the_end_of_a_holder_without_words_leaves_a_doubt_until_the_door_stood_o
     ("boarding", "word", "doubt"), [(MAY_BOARD, None, True), (MAY_BOARD, LEFT, False), (OUTSIDE, None, False)]
 )
 def test_a_holder_with_words_has_to_say_that_its_robot_left(
-    boarding: Boarding, word: RobotWord | None, *, let_out: bool, doubt: bool
+    boarding: BoardingProgress, word: RobotWord | None, *, let_out: bool, doubt: bool
 ) -> None:
     leaves = occupancy.leaves_doubt(boarding, released=True, word=word, arrived=False, has_words=True, let_out=let_out)
     assert leaves is doubt

@@ -16,7 +16,7 @@ from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.inhibits import held_by_another
 from lift_manager.lift.observation import Moment
-from lift_manager.lift.occupancy import Boarding, Occupancy, SavedBoarding
+from lift_manager.lift.occupancy import BoardingProgress, Occupancy, SavedBoarding
 from lift_manager.lift.record import DurableRecord, HandshakeWord, LiftRecord, SavedSession
 from lift_manager.lift.refusals import Blocking, Refusal, Refused, how_to_acknowledge, how_to_end_lockout
 from lift_manager.lift.session import Advice, EndReason, Holder, Session, advise, policy_for
@@ -68,7 +68,7 @@ def restored(written: SavedSession, now: float, at: datetime) -> Session:
 def test_what_is_saved_says_everything_but_the_monotonic_clock() -> None:
     word = HandshakeWord(Call("L1", CallPhase.CONFIRMED, 120.0))
     call = Call("L1", CallPhase.CONFIRMED, 120.0)
-    boarding = Boarding(Occupancy.ABOARD, sent_on=True, may_leave_at="L3")
+    boarding = BoardingProgress(Occupancy.ABOARD, sent_on=True, may_leave_at="L3")
     written = saved(opened(), 160.0, record=LiftRecord(boarding=boarding, in_place=word, call=call))
     assert (written.holder, written.floor, written.hold_door, written.pressed) == (ONE, "L1", True, True)
     assert written.opened_at == written.lease_from == AT - timedelta(seconds=60)
