@@ -7,8 +7,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
-CHECKED = ("drivers", "examples", "register_maps", "simulator")
-"""Folders that are free of retired names. `lift_manager` joins them part by part as its packages are renamed."""
+_PACKAGES = ("api", "cli", "client", "config", "lift", "metrics", "plain", "rides", "rmf", "runtime", "store", "web")
+CHECKED = (
+    *("benchmarks", "drivers", "examples", "register_maps", "simulator"),
+    *(f"lift_manager/{package}" for package in _PACKAGES),
+)
+"""Folders that are free of retired names; `lift_manager/commissioning` and `lift_manager/lab` are not yet."""
 
 RETIRED = {
     # whole names of classes
@@ -101,6 +105,9 @@ ALLOWED = {
     "AcceptAndSayNothing": "the public name of the fault `accept_and_say_nothing`, in scenarios",
     "NOT_GRANTED": "the member of the public reason `not_granted`, in metrics and journal",
     "SaysWrongFloor": "the public name of the fault `says_wrong_floor`, in scenarios",
+    "RmfWantedRequest": "a schema of the public interface",
+    "asked_at": "a field of the public interface",
+    "let_go_door": "a command of the public interface, and of its client",
     "under_way": "trade term: a car under way",
 }
 """Names and parts of names that stay although they hold a retired word, each with its reason. Parts are in lower case."""

@@ -127,10 +127,10 @@ ROUTES: tuple[Route, ...] = (
 """All that can be asked. What is not in here is answered as if it did not exist, whatever the application has."""
 
 
-def refusal(role: Role, own: Sequence[str], need: AccessLevel, asked: Sequence[str]) -> str:
+def refusal(role: Role, own: Sequence[str], need: AccessLevel, requested: Sequence[str]) -> str:
     """Return why a key may not do this, in words; empty where it may.
 
-    `own` are the lifts that the key names, `asked` those that the request names: a robot, and RMF, command nothing else, and
+    `own` are the lifts that the key names, `requested` those that the request names: a robot, and RMF, command nothing else, and
     nothing that names no lift.
     """
     if need is AccessLevel.NOTHING:
@@ -138,7 +138,7 @@ def refusal(role: Role, own: Sequence[str], need: AccessLevel, asked: Sequence[s
     allowed = ROLES[need]
     if role not in allowed:
         return f"this needs a key with the role {_listed([other for other in Role if other in allowed])}; this key's is {role}"
-    if role in OF_SOME_LIFTS and need is not AccessLevel.READ and (not asked or set(asked) - set(own)):
+    if role in OF_SOME_LIFTS and need is not AccessLevel.READ and (not requested or set(requested) - set(own)):
         return (
             f"this key commands {_listed(own, 'and') or 'no lift'} and no other; another lift needs a key that names it"
         )

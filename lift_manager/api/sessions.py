@@ -43,14 +43,14 @@ IdempotencyKey = Annotated[
 ]
 
 
-def _said(value: object) -> object:
+def _require_true(value: object) -> object:
     # to Literal, 1 is True as well
     if value is not None and value is not True:
         raise PydanticCustomError("not_true", "must be true")
     return value
 
 
-_Clear = Annotated[Literal[True] | None, BeforeValidator(_said)]
+_Clear = Annotated[Literal[True] | None, BeforeValidator(_require_true)]
 
 
 class OpenSessionRequest(RequestModel):

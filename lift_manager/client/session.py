@@ -70,7 +70,7 @@ class ActiveSession:
     def __init__(self, manager: SessionClient, opened: Session, requested_at: float, ttl_s: float | None) -> None:
         self._manager = manager
         self._ttl_s = ttl_s
-        self._session, self._asked_at = opened, requested_at
+        self._session, self._requested_at = opened, requested_at
         self._lost: SessionLost | None = None
         self._changed = asyncio.Event()
         self._lost_event = asyncio.Event()
@@ -154,7 +154,7 @@ class ActiveSession:
     async def follow(self) -> None:
         """Renew the lease until the session is over."""
         while self._lost is None and not self._closed:
-            await self._sleep_until(self._asked_at + self._pause_s)
+            await self._sleep_until(self._requested_at + self._pause_s)
             await self._renew()
 
     async def listen(self) -> None:
@@ -188,7 +188,7 @@ class ActiveSession:
         except ClientError as error:
             trouble = error
         else:
-            self._session, self._asked_at = renewed, requested_at
+            self._session, self._requested_at = renewed, requested_at
             if renewed.over is not None:
                 self._mark_lost(SessionLost(renewed.over.text, renewed.over))
             return
@@ -197,16 +197,16 @@ class ActiveSession:
     def _renewal_timeout_s(self, now: float) -> float:
         """Return how long to wait for the reply to a renewal."""
         lease_s = self._session.lease_ends_in_s
-        return MAX_PAUSE_S if lease_s is None else min(max(self._asked_at + lease_s - now, RETRY_S), WAIT_S)
+        return MAX_PAUSE_S if lease_s is None else min(max(self._requested_at + lease_s - now, RETRY_S), WAIT_S)
 
     async def _retry_later(self, trouble: ClientError) -> None:
         lease_s = self._session.lease_ends_in_s
         now = asyncio.get_running_loop().time()
-        if lease_s is not None and now >= self._asked_at + lease_s:
+        if lease_s is not None and now >= self._requested_at + lease_s:
             why = trouble.text if isinstance(trouble, Unreachable) else str(trouble)
             self._mark_lost(SessionLost(f"the lease on {self.name} ended because it could not be renewed: {why}"))
             return
-        ends_at = now + RETRY_S if lease_s is None else min(now + RETRY_S, self._asked_at + lease_s)
+        ends_at = now + RETRY_S if lease_s is None else min(now + RETRY_S, self._requested_at + lease_s)
         await self._sleep_until(ends_at)
 
     async def _sleep_until(self, due_at: float) -> None:

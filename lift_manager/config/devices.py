@@ -86,5 +86,5 @@ _LEAST = (
 )
 
 
-def _unit_id(said: int | None, controller: Controller, default: int) -> int:
-    return next(unit for unit in (said, controller.unit_id, default) if unit is not None)
+def _unit_id(unit_id: int | None, controller: Controller, default: int) -> int:
+    return next(unit for unit in (unit_id, controller.unit_id, default) if unit is not None)

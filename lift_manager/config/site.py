@@ -214,7 +214,7 @@ class Controller(_Part):
 
     host: Host
     tls: ControllerTls | None = None
-    said_port: Port | None = Field(default=None, alias="port")
+    given_port: Port | None = Field(default=None, alias="port")
     map: Text | None = None
     """A shipped map by name, or a path relative to the site file. Only a controller that serves only endpoints needs none."""
     unit_id: UnitId | None = None
@@ -229,8 +229,8 @@ class Controller(_Part):
     @property
     def port(self) -> int:
         """The port to connect to; by default 502, or 802 over TLS."""
-        if self.said_port is not None:
-            return self.said_port
+        if self.given_port is not None:
+            return self.given_port
         return MODBUS_PORT if self.tls is None else SECURE_PORT
 
 

@@ -43,7 +43,7 @@ class RosAlarms:
         self._fire: Publisher | None = None
         self._emergency: Publisher | None = None
         self._signal: type[Any] | None = getattr(rmf_fleet_msgs.msg, "EmergencySignal", None)
-        self._told_missing = False
+        self._reported_missing = False
 
     def offer(self, alarms: Alarms) -> None:
         """Open the topics, so that readers find them."""
@@ -71,8 +71,8 @@ class RosAlarms:
     def _offer_emergency(self) -> Publisher | None:
         if self._signal is not None:
             return self._publishers.make(self._signal, self._emergency_topic)
-        if not self._told_missing:
-            self._told_missing = True
+        if not self._reported_missing:
+            self._reported_missing = True
             _log.error(
                 "the site file has emergency_signal, but rmf_fleet_msgs of this distribution has no EmergencySignal"
                 " (kilted and later have it); fire_alarm of the site file works with all of them"

@@ -62,7 +62,7 @@ async def lifts_for_rmf(site: ServedSite) -> RmfSiteAnswer:
     response_description="The session holds the lift.",
     responses=problems(*_SESSION_CODES, "unknown_floor", *NOT_FREE, "too_often", "not_recorded"),
 )
-async def wanted(
+async def request_lift(
     lift: LiftName,
     site: ServedSite,
     body: Annotated[

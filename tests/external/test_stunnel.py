@@ -312,7 +312,7 @@ def test_serve_drives_a_lift_over_mutual_tls_and_is_spoken_to_over_mutual_tls(st
     assert nobody.returncode == 1
     assert "--certificate FILE" in nobody.stderr
     stranger = run("lockout", "main", *person)
-    assert "a CA of your own is named with --ca FILE" in stranger.stderr
+    assert "name a CA of your own with --ca FILE" in stranger.stderr
     said = run("lockout", "main", *person, *mutual)
     assert (said.returncode, said.stderr) == (0, "")
     assert "locked out by M. Weber" in said.stdout

@@ -162,7 +162,7 @@ def test_a_file_of_keys_that_is_damaged_stops_the_start_in_words(tmp_path: Path)
     (kept,) = (tmp_path / "kept").glob("*.keys.json")
     kept.write_text(kept.read_text()[:-30])
     said = command("serve", file, "--port", "0", code=1)
-    assert "holds no keys of a lift manager, or is damaged" in said
+    assert "is not a key file of a lift manager" in said
     assert said in command("check", file, code=2)
 
 

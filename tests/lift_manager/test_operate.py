@@ -80,7 +80,7 @@ class Site:
         return str(answer["msg"])
 
     def say(self, *words: str, code: int = 0) -> str:
-        done = call(*words, "--manager", self.url, COLUMNS="200")
+        done = call(*words, "--manager", self.url)
         assert done.returncode == code, done
         return (done.stderr if code else done.stdout).strip()
 
@@ -110,10 +110,11 @@ def test_a_fire_is_latched_until_somebody_acknowledges_it_also_when_the_manager_
 
 
 def test_the_table_of_the_lifts_shows_what_people_call_them(site: Site) -> None:
-    # until the lift has been read, a second line says why it is not shown
-    head, line = eventually(lambda: table if len(table := site.say("lifts").splitlines()) == 2 else [])
+    table = eventually(lambda: table if " L1 " in (table := site.say("lifts")) else "")
+    head, line, *_ = table.splitlines()
     assert head.split()[:4] == ["lift", "called", "floor", "door"]
-    assert line.split()[:4] == [LIFT, "Ostflügel", "[2]", "L1"]
+    assert line.split()[:2] == [LIFT, "Ostflügel"]
+    assert "[2]" in table
 
 
 @pytest.mark.parametrize("which", [LIFT, "--all"])

@@ -9,9 +9,9 @@ HEARTBEAT = b":\n\n"
 """A comment, which only shows that the manager is alive."""
 
 
-def event(name: str, said: BaseModel, event_id: str = "") -> bytes:
+def event(name: str, data_model: BaseModel, event_id: str = "") -> bytes:
     """Return one event; without an id, the last event id of the reader does not change. JSON has no line breaks: one line of data."""
-    data = said.model_dump_json(by_alias=True)
+    data = data_model.model_dump_json(by_alias=True)
     head = f"id: {event_id}\n" if event_id else ""
     return f"{head}event: {name}\ndata: {data}\n\n".encode()
 

@@ -195,16 +195,16 @@ def test_the_schema_needs_a_robot_beside_an_idempotency_key_exactly_where_the_ma
 def test_the_document_follows_the_first_key_that_a_site_makes() -> None:
     keys = Switch()
     assert "if" in schema_of_rides(keys)
-    keys.needed = True
+    keys.are_required = True
     assert "if" not in schema_of_rides(keys)
-    keys.needed = False
+    keys.are_required = False
     assert "if" in schema_of_rides(keys)
 
 
 class Switch(KeyRing):
     """Keys that come and go."""
 
-    needed = False
+    are_required = False
 
 
 def schema_of_rides(keys: Keys) -> Json:
