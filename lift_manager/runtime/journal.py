@@ -273,6 +273,6 @@ def manager_started(version: str, maps: Mapping[str, tuple[str, str, str]]) -> R
 
 def manager_ended(*, released: bool, commands: bool) -> Row:
     """Return the last row of an orderly end; `commands` tells whether it may command any lift."""
-    rest = "everything is let go and verified" if released else "not every output could be verified as let go"
+    rest = "everything held is released and verified" if released else "not every output could be verified as released"
     rest = rest if commands else "it held nothing, because it only watches"
     return Row(RowKind.MANAGER, f"the manager ends: {rest}", data={"released": released})
