@@ -136,11 +136,11 @@ class Stage:
         own = self._world.lifts[planned.lift].controllers
         where = own if wire.controller is None else (wire.controller,)
         for controller in where:
-            self._world.spoil(controller, wire.fault)
+            self._world.begin_wire_fault(controller, wire.fault)
         if planned.step.for_s is not None:
             await asyncio.sleep(planned.step.for_s)
             for controller in where:
-                self._world.mend(controller, wire.fault)
+                self._world.end_wire_fault(controller, wire.fault)
 
     async def _press(self, planned: PlannedStep, pressed: Pressed) -> None:
         lift = self._world.lifts[planned.lift]
