@@ -25,7 +25,7 @@ from lift_manager.commissioning.iolist import as_csv, as_html
 from lift_manager.commissioning.iolist.build import io_list
 from lift_manager.commissioning.iolist.model import IoList
 from lift_manager.commissioning.output import OutputRefused, check_ending, save
-from lift_manager.commissioning.plc.errors import NoProgram
+from lift_manager.commissioning.plc.errors import ProgramError
 from lift_manager.commissioning.plc.program import render as render_program
 from register_maps.codec import compile_map
 from register_maps.errors import MapFileError
@@ -97,7 +97,7 @@ def plan(map_name: MapName, floors: Floors = "") -> None:
         found = maps_plan.plan(loaded.map, named)
     except ValueError as error:
         raise fail(f"{loaded.map.name}: {error}") from error
-    print_lines(maps_check.to_be_set(loaded))
+    print_lines(maps_check.unset_text(loaded))
     print_lines(maps_plan.lines(found))
 
 
@@ -125,7 +125,7 @@ def plc(map_name: MapName, output: Output, floors: Floors = "", *, force: Force 
         check_ending(output, [".st"])
         program = render_program(loaded.map, named or maps_plan.example_floors(compile_map(loaded.map)))
         save({output: program.st.encode(), wiring: program.wiring.encode()}, force=force)
-    except (OutputRefused, NoProgram) as error:
+    except (OutputRefused, ProgramError) as error:
         raise fail(str(error)) from error
     print_lines([f"{output}: the program", f"{wiring}: its wiring, and what to try before the first robot"])
     if named is None:

@@ -12,7 +12,7 @@ import typer
 from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, print_lines
 from lift_manager.commissioning.network import nftables, systemd
 from lift_manager.commissioning.network.build import look_up, network
-from lift_manager.commissioning.network.errors import NetworkRefused
+from lift_manager.commissioning.network.errors import UnknownHost
 from lift_manager.commissioning.network.model import Network
 from lift_manager.commissioning.network.summary import summary
 from lift_manager.commissioning.network.suricata import rules
@@ -65,7 +65,7 @@ def show(  # noqa: PLR0913 - one parameter for each option that is typed
     loaded = load_site_or_exit(site)
     try:
         found = network(loaded, look_up if suricata or nft or nft_gateway or unit else None)
-    except NetworkRefused as error:
+    except UnknownHost as error:
         raise fail(str(error)) from error
     if suricata:
         print_lines(rules(found, managers, action=action.value, reads=reads))

@@ -1,4 +1,4 @@
-"""A controller that is not there: the driver's own link, lines and writer at a device in memory that writes down what it hears."""
+"""Runs the link, units and writer of the driver against a device in memory that records what it receives."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class ReceivedRequest:
     """One request as it reached a device."""
 
     endpoint: str
-    """Name of the second device; empty for the controller itself."""
+    """Name of a further device; empty for the controller itself."""
     body: bytes
     """The frame after its transaction id."""
     request: Request
 
 
 class Bench:
-    """What a lift of this map would send, one occasion at a time."""
+    """Sends what a lift of this map would send, one step at a time, and returns the requests."""
 
-    def __init__(self, codec: Codec, lines: Units, heard: list[ReceivedRequest]) -> None:
-        """`heard` is what the devices at the end of `lines` add to."""
+    def __init__(self, codec: Codec, units: Units, received: list[ReceivedRequest]) -> None:
+        """The devices of `units` append to `received`."""
         link = codec.map.link
         settings = LiftSettings(
             name=codec.map.name,
@@ -44,69 +44,71 @@ class Bench:
             max_bits_per_read=link.max_bits_per_read,
         )
         self.poll_blocks = plan_poll(codec, max_registers=link.max_registers_per_read, max_bits=link.max_bits_per_read)
-        self._lines = lines
-        self._writer = Writer(codec, codec.commands, lines, settings)
-        self._heard = heard
+        self._units = units
+        self._writer = Writer(codec, codec.commands, units, settings)
+        self._received = received
         self._devices = ("", *codec.map.endpoints)
 
     @property
     def output_blocks(self) -> tuple[Block, ...]:
-        """What is read to see what all outputs hold."""
+        """The blocks to read for the state of all outputs."""
         return tuple(self._writer.read_blocks(self._devices))
 
     async def read(self, block: Block) -> list[ReceivedRequest]:
         """Read a block."""
-        await self._lines.cells([block])
-        return self._taken()
+        await self._units.cells([block])
+        return self._take_received()
 
     async def write(self, step: Step, cells: Mapping[Cell, int]) -> list[ReceivedRequest]:
-        """Carry out the write of a step, with the read before it where the map asks for one."""
-        async for _ in self._writer.write(step, cells, _allowed):
+        """Carry out the write of a step, with the read before it if the map needs one."""
+        async for _ in self._writer.write(step, cells, _allow_all):
             pass
-        return self._taken()
+        return self._take_received()
 
-    async def look(self, step: Step) -> tuple[bool, list[ReceivedRequest]]:
-        """Look afterwards; returns whether the driver cares, and what it read."""
-        looked = await self._writer.read_back(step) is not None
-        return looked, self._taken()
+    async def read_back(self, step: Step) -> tuple[bool, list[ReceivedRequest]]:
+        """Read back after a step; returns whether the driver needs that, and the requests."""
+        is_read_back = await self._writer.read_back(step) is not None
+        return is_read_back, self._take_received()
 
-    def _taken(self) -> list[ReceivedRequest]:
-        heard = self._heard.copy()
-        self._heard.clear()
-        return heard
+    def _take_received(self) -> list[ReceivedRequest]:
+        received = self._received.copy()
+        self._received.clear()
+        return received
 
 
 @asynccontextmanager
-async def bench(codec: Codec) -> AsyncIterator[Bench]:
+async def open_bench(codec: Codec) -> AsyncIterator[Bench]:
     """Set up one device in memory for the controller and one for each further device of the map."""
-    heard: list[ReceivedRequest] = []
-    units = {"": codec.map.link.unit_id, **{name: part.unit_id for name, part in codec.map.endpoints.items()}}
-    lines = {name: Unit(_link(name, unit, heard), unit) for name, unit in units.items()}
-    running = [asyncio.ensure_future(line.link.run()) for line in lines.values()]
+    received: list[ReceivedRequest] = []
+    unit_ids = {"": codec.map.link.unit_id, **{name: part.unit_id for name, part in codec.map.endpoints.items()}}
+    units = {name: Unit(_link(name, unit_id, received), unit_id) for name, unit_id in unit_ids.items()}
+    running = [asyncio.ensure_future(unit.link.run()) for unit in units.values()]
     try:
-        for line in lines.values():
-            await line.link.wait_up()
-        controller = lines.pop("")
-        yield Bench(codec, Units(controller, lines), heard)
+        for unit in units.values():
+            await unit.link.wait_up()
+        controller = units.pop("")
+        yield Bench(codec, Units(controller, units), received)
     finally:
         for task in running:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
 
 
-def _link(endpoint: str, unit: int, heard: list[ReceivedRequest]) -> Link:
-    answer = _written_down(endpoint, MemoryDevice(unit=unit, timed_coils=True), heard)
+def _link(endpoint: str, unit: int, received: list[ReceivedRequest]) -> Link:
+    answer = _recording_device(endpoint, MemoryDevice(unit=unit, timed_coils=True), received)
     return Link(lambda: MemoryWire(answer), name=endpoint or "controller")
 
 
-def _written_down(endpoint: str, device: MemoryDevice, heard: list[ReceivedRequest]) -> Callable[[bytes], list[Reply]]:
+def _recording_device(
+    endpoint: str, device: MemoryDevice, received: list[ReceivedRequest]
+) -> Callable[[bytes], list[Reply]]:
     def answer(frame: bytes) -> list[Reply]:
-        heard.append(ReceivedRequest(endpoint, frame[2:], frames.parse_request(frame, timed_coils=True)))
+        received.append(ReceivedRequest(endpoint, frame[2:], frames.parse_request(frame, timed_coils=True)))
         return device.answer(frame)
 
     return answer
 
 
-def _allowed() -> None:
-    """Nothing is refused here: a plan shows what is sent where everything that the map requires is given."""
+def _allow_all() -> None:
+    """Allow every write: a plan assumes that all conditions of the map are met."""
     return

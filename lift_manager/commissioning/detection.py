@@ -1,7 +1,7 @@
-"""Which faults of a lift, its controller and its wire this manager can see, by what a map reads and writes. Pure.
+"""Derives which faults of a lift, its controller and its wire the manager can detect with a map. Pure.
 
-A fault that no register shows cannot be detected by anybody behind the registers. This says so for each map, before
-somebody relies on the opposite. The classes are proved by experiment: `python -m tests.campaigns.matrix`.
+A fault that no register shows cannot be detected through registers. This states it for each map, before somebody relies on the
+opposite. The classes are verified by experiment: `python -m tests.campaigns.matrix`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ READINGS_S = 1.0
 """How long two polls in a row may take, with the answers of a slow controller. Chosen: the usual poll takes 0.2 s."""
 
 FOREIGN_WRITER_S = 6.0
-"""Within which a foreign write is told: our outputs are compared every 2 s, and two looks must agree on a press; a refreshed hold is
+"""Time limit for reporting a foreign write: outputs are compared every 2 s, and two reads must agree on a press; a refreshed hold is
 read back before each refresh (`drivers.modbus`)."""
 
 
@@ -28,35 +28,35 @@ class FaultEffect(StrEnum):
     """What may be wrong because of a fault, until it is detected."""
 
     OPEN = "open"
-    """A door is said to be open for a robot, and is not."""
+    """A door is published as open for a robot, and is not."""
     MODE = "mode"
     """A robot is let in, or something is pressed, in a mode without robots."""
     EFFECT = "effect"
-    """A command is said to be confirmed, and had no effect."""
+    """A command counts as confirmed, and had no effect."""
     OUTPUT = "output"
-    """An output is on, and counts as let go."""
+    """An output counts as released, and is on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """What becomes of one fault on lifts of one map."""
+    """How one fault shows on lifts of one map."""
 
     fault: str
     """As in a scenario file."""
     within_s: float | None
-    """How long it may go unseen, from its beginning; None: it is undetectable."""
+    """How long it may stay undetected from its beginning; None if it is undetectable."""
     lies: tuple[FaultEffect, ...]
-    """What may be wrong meanwhile; empty: nothing ever is."""
+    """What may be wrong meanwhile; empty if nothing is."""
     how: str
     """What shows it, or why nothing does."""
     goes_on: bool = False
-    """It is told, and what is wrong goes on for as long as the fault does."""
+    """Whether the errors continue although the fault is reported, for as long as it lasts."""
 
 
 MODES = (Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE)
 """The modes without robots that a controller changes to by itself."""
 
-_TOLD = {
+_HARMLESS_REASONS = {
     "stuck_door": "the door limits tell where it is",
     "reopening_door": "the door limits tell what it does",
     "nudging_door": "the door limits tell what it does",
@@ -69,19 +69,19 @@ _TOLD = {
 
 
 def detections(codec: Codec, *, max_age_s: float) -> tuple[Detection, ...]:
-    """Return what becomes of every fault that can be simulated, in a fixed order."""
+    """Return the detection of every fault that can be simulated, in a fixed order."""
     return (*_machine(codec, max_age_s), *_registers(codec, max_age_s), *_network(codec, max_age_s))
 
 
 def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
     for fault in ("stuck_door", "reopening_door", "nudging_door"):
         yield _harmless(fault)
-    yield _late(
-        codec, "wrong_floor", f"the floor that the car tells is where it is; {_ALARMED}", f"{_SETS_OUT}; {_ALARMED}"
+    yield _late_arrival(
+        codec, "wrong_floor", f"the floor that the car tells is where it is; {_ALARMED}", f"{_STARTS_RIGHT}; {_ALARMED}"
     )
     yield _harmless("relevelling")
-    yield _late(codec, "homing", "the car tells no floor, or one with its doors shut", _HOMES)
-    yield _late(codec, "calls_cancelled", "the call disappears, or the car does not come in time", _ELSEWHERE)
+    yield _late_arrival(codec, "homing", "the car tells no floor, or one with its doors shut", _HOMING)
+    yield _late_arrival(codec, "calls_cancelled", "the call disappears, or the car does not come in time", _ELSEWHERE)
     for fault in ("robot_mode_withdrawn", "overload"):
         yield _harmless(fault)
     for mode in MODES:
@@ -111,8 +111,8 @@ def _registers(codec: Codec, max_age_s: float) -> Iterator[Detection]:
         yield Detection("frozen_registers", None, everything, why)
         yield _harmless("frozen_heartbeat")
         yield Detection("stopped", None, everything, why)
-    yield _lost("lost_press", codec)
-    yield _lost("ignored_writes", codec)
+    yield _lost_writes("lost_press", codec)
+    yield _lost_writes("ignored_writes", codec)
     yield Detection(
         "ignored_writes.stored", None, (FaultEffect.EFFECT, FaultEffect.OUTPUT), "what is read back is right"
     )
@@ -120,39 +120,41 @@ def _registers(codec: Codec, max_age_s: float) -> Iterator[Detection]:
 
 
 def _network(codec: Codec, max_age_s: float) -> Iterator[Detection]:
-    reboot = _late(codec, "reboot", "no answer comes, and the lift is offline", f"offline meanwhile; then {_HOMES}")
+    reboot = _late_arrival(
+        codec, "reboot", "no answer comes, and the lift is offline", f"offline meanwhile; then {_HOMING}"
+    )
     yield reboot if reboot.lies else replace(reboot, within_s=max_age_s)
     for fault in ("power_loss", "power_loss.outputs_held", "slot_kept"):
         yield Detection(fault, max_age_s, (), "no answer comes, and the lift is offline")
 
 
 def _harmless(fault: str) -> Detection:
-    return Detection(fault, 0.0, (), _TOLD[fault])
+    return Detection(fault, 0.0, (), _HARMLESS_REASONS[fault])
 
 
 def _shows_mode(codec: Codec, mode: Mode) -> bool:
     flags = dict(FLAG_MODES).get(mode, ())
-    if any(flag in codec.signals and flag in _FLAGS_OF_SIMULATOR for flag in flags):
+    if any(flag in codec.signals and flag in _SIMULATED_FLAGS for flag in flags):
         return True
     words = codec.map.signals["mode"].values if "mode" in codec.signals else None
     return words is not None and mode in words.values()
 
 
-_FLAGS_OF_SIMULATOR = frozenset({"fire", "emergency_power", "inspection", "independent", "out_of_service"})
+_SIMULATED_FLAGS = frozenset({"fire", "emergency_power", "inspection", "independent", "out_of_service"})
 
 
-_SETS_OUT = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
+_STARTS_RIGHT = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
 _ALARMED = "confirmed calls that end at rest elsewhere, twice in a row with the same offset, are an alarm"
 _ELSEWHERE = (
     "a car that moves for somebody else looks like the answer to a call that was forgotten; it does not come in time"
 )
-_HOMES = "a call that is read back counts as taken, and a lift that homes takes none; the car does not come in time"
+_HOMING = "a call that is read back counts as taken, and a lift that homes takes none; the car does not come in time"
 
 
-def _late(codec: Codec, fault: str, harmless: str, how: str) -> Detection:
-    """Return what becomes of a fault that shows only when the car does not come, unless the controller itself takes each call."""
+def _late_arrival(codec: Codec, fault: str, harmless: str, how: str) -> Detection:
+    """Return the detection of a fault that shows only when the car does not come, unless the controller itself confirms calls."""
     calls = [codec.commands[name] for name in CALLS if name in codec.commands]
-    if not any(_is_loose(call) for call in calls):
+    if not any(_is_confirmed_loosely(call) for call in calls):
         return Detection(fault, 0.0, (), harmless)
     return Detection(fault, max(call.spec.arrive_within_s for call in calls), (FaultEffect.EFFECT,), how)
 
@@ -174,7 +176,7 @@ def _contradiction(codec: Codec, max_age_s: float) -> Detection:
 
 
 def _contradicts(codec: Codec, name: str) -> bool:
-    """Whether this door can say something that is no door word."""
+    """Whether the registers of this door can hold an invalid value."""
     image = codec.empty_image()
     signal = codec.signals[name]
     if signal.per_floor:
@@ -189,37 +191,37 @@ def _contradicts(codec: Codec, name: str) -> bool:
     return spec.values is not None and len(spec.values) < 2 ** min(16, signal.points[0].width)
 
 
-def _lost(fault: str, codec: Codec) -> Detection:
+def _lost_writes(fault: str, codec: Codec) -> Detection:
     calls = [codec.commands[name] for name in CALLS if name in codec.commands]
-    loose = [command.name for command in calls if _is_loose(command)]
-    blind = [command.name for command in codec.commands.values() if not command.read_points]
+    loosely_confirmed = [command.name for command in calls if _is_confirmed_loosely(command)]
+    unreadable = [command.name for command in codec.commands.values() if not command.read_points]
     lies = (
-        *((FaultEffect.EFFECT,) if loose else ()),
-        *((FaultEffect.OUTPUT,) if blind and fault != "lost_press" else ()),
+        *((FaultEffect.EFFECT,) if loosely_confirmed else ()),
+        *((FaultEffect.OUTPUT,) if unreadable and fault != "lost_press" else ()),
     )
     if not lies:
         within_s = max((command.spec.confirm.within_s for command in calls if command.spec.confirm), default=0.0)
         return Detection(fault, within_s, (), "the lamp does not light, and the command is unconfirmed")
     why = []
     if FaultEffect.EFFECT in lies:
-        why.append(f"{', '.join(loose)}: a car that moves for somebody else looks like the answer")
+        why.append(f"{', '.join(loosely_confirmed)}: a car that moves for somebody else looks like the answer")
     if FaultEffect.OUTPUT in lies:
-        why.append(f"{', '.join(blind)}: cannot be read back")
+        why.append(f"{', '.join(unreadable)}: cannot be read back")
     return Detection(fault, None, lies, "; ".join(why))
 
 
 def _foreign_writer(codec: Codec) -> Detection:
     lies = (FaultEffect.EFFECT, FaultEffect.OUTPUT)
-    blind = [command.name for command in codec.commands.values() if not command.read_points or command.shows_lamp]
-    if len(blind) == len(codec.commands):
+    unreadable = [command.name for command in codec.commands.values() if not command.read_points or command.shows_lamp]
+    if len(unreadable) == len(codec.commands):
         return Detection("foreign_writer", None, lies, "no output of this map can be read back")
     how = "an alarm names the output and what was written; the lift obeys both writers meanwhile"
-    if blind:
-        how += f". Not for {', '.join(blind)}, which cannot be read back"
+    if unreadable:
+        how += f". Not for {', '.join(unreadable)}, which cannot be read back"
     return Detection("foreign_writer", FOREIGN_WRITER_S, lies, how, goes_on=True)
 
 
-def _is_loose(command: CommandCodec) -> bool:
-    """Whether something other than the controller's own acceptance confirms a call."""
+def _is_confirmed_loosely(command: CommandCodec) -> bool:
+    """Whether a call is confirmed by anything but the acceptance of the controller."""
     confirm = command.spec.confirm
     return confirm is None or bool({"readback", "effect", "car_floor", "destination"} & set(confirm.any_of))

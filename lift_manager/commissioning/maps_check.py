@@ -1,4 +1,4 @@
-"""Every mistake of one map, or what there is to say about a good one."""
+"""Reports every mistake of one map, or the cautions about a correct one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lift_manager.config.load import check_file
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, load
 
-_OF_A_SITE = ("controllers", "lifts")
+_SITE_KEYS = ("controllers", "lifts")
 
 
 def report(name_or_path: str) -> list[str]:
@@ -17,15 +17,15 @@ def report(name_or_path: str) -> list[str]:
     try:
         loaded = load(name_or_path)
     except MapFileError as error:
-        if {finding.key for finding in error.findings}.issuperset(_OF_A_SITE):
+        if {finding.key for finding in error.findings}.issuperset(_SITE_KEYS):
             advice = "this is a site file and not a map; check it with `lift-manager check`"
             raise MapFileError([Finding(name_or_path, None, "", advice)]) from error
         raise
     missing = [f"a site must add: {name}: {one_line(why)}" for name, why in loaded.map.needs.items()]
-    return [*to_be_set(loaded), *missing, *check_file(loaded.path)]
+    return [*unset_text(loaded), *missing, *check_file(loaded.path)]
 
 
-def to_be_set(loaded: LoadedMap) -> Iterator[str]:
+def unset_text(loaded: LoadedMap) -> Iterator[str]:
     """Yield a line for every parameter that has no default, and whose example stands in here."""
     for name in loaded.unset:
         about = one_line(loaded.map.parameters[name].help)

@@ -1,4 +1,4 @@
-"""The shipped maps, and what each of them can say and do, in words."""
+"""Summarizes the shipped maps: the signals and commands of each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EVIDENCE = {
 
 
 @dataclass(frozen=True, slots=True)
-class MapLine:
+class MapSummary:
     """One map in a few words each."""
 
     name: str
@@ -49,16 +49,16 @@ class MapLine:
     """Parameters with a default."""
 
 
-def shipped_maps() -> tuple[MapLine, ...]:
+def shipped_maps() -> tuple[MapSummary, ...]:
     """Describe every map that comes with the program, by name."""
-    return tuple(map_line(load(name)) for name in shipped())
+    return tuple(summarize_map(load(name)) for name in shipped())
 
 
-def map_line(loaded: LoadedMap) -> MapLine:
+def summarize_map(loaded: LoadedMap) -> MapSummary:
     """Describe one map."""
     source, codec = loaded.map, compile_map(loaded.map)
     to_set = loaded.unset
-    return MapLine(
+    return MapSummary(
         name=source.name,
         title=one_line(source.title),
         trust=source.provenance.trust,
@@ -93,18 +93,18 @@ def fire(source: RegisterMap) -> str:
     return f"NOT VISIBLE: {one_line(source.not_visible.get('fire', 'the map does not say why'))}"
 
 
-def lines(maps: tuple[MapLine, ...]) -> Iterator[str]:
+def lines(maps: tuple[MapSummary, ...]) -> Iterator[str]:
     """Yield the list as text, a block of lines per map."""
     for found in maps:
         yield f"{found.name}  [{found.trust}]"
-        for text in _told(found):
+        for text in _signal_text(found):
             yield from textwrap.wrap(text, WIDTH, initial_indent="    ", subsequent_indent="        ")
         yield ""
     yield f"{len(maps)} maps. Trust says where a map comes from; none has been approved by a lift company."
     yield "More about one of them: lift-manager maps show NAME"
 
 
-def _told(found: MapLine) -> Iterator[str]:
+def _signal_text(found: MapSummary) -> Iterator[str]:
     yield found.title
     yield f"position: {found.position}; at a floor: {found.at_floor}"
     yield f"doors: {found.doors}; door commands: {found.door_commands}"

@@ -1,4 +1,4 @@
-"""Everything one map says, point by point: as data."""
+"""The content of one map as data, point by point."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _signal(codec: Codec, signal: SignalCodec) -> SignalSheet:
         name=signal.name,
         kind=signal.kind.value,
         meaning=SIGNAL_MEANINGS[signal.name],
-        places=places(codec.map, spec.addresses, wording.in_order(signal, spec)),
+        places=places(codec.map, spec.addresses, wording.in_word_order(signal, spec)),
         read_functions=wording.read_functions(signal.points),
         coding=wording.signal_coding(signal, spec),
         unit=one_line(spec.unit),
@@ -224,6 +224,6 @@ def _parameters(loaded: LoadedMap) -> Iterator[ParameterSheet]:
 
 def _blocks(codec: Codec) -> Iterator[str]:
     for block, function, every_s in codec.written:
-        cycle = "" if every_s is None else f", every {every_s:g} s whether or not anything is wanted"
+        cycle = "" if every_s is None else f", every {every_s:g} s whether or not anything is requested"
         where = wording.wire(Point(block.table, block.start, 0, 16, block.endpoint), block.count)
         yield f"{where}: always written as a whole with FC{function:02}{cycle}"

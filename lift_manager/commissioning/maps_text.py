@@ -16,22 +16,22 @@ def lines(sheet: MapSheet) -> Iterator[str]:
     yield f"{sheet.name}  [{sheet.trust}]"
     yield from textwrap.wrap(sheet.title, WIDTH)
     yield from _facts(_head(sheet))
-    yield from _part("SIGNALS: what the lift says")
+    yield from _section("SIGNALS: what the lift reports")
     for signal in sheet.signals:
         yield from _block(f"{signal.name}: {signal.meaning}", _signal(signal))
     if not sheet.signals:
         yield "  none: the device has outputs only"
-    yield from _part("COMMANDS: what the lift can be told")
+    yield from _section("COMMANDS: what can be written to the lift")
     for command in sheet.commands:
         yield from _block(f"{command.name}: {command.meaning}", _command(command))
     if not sheet.commands:
         yield "  none: this map only looks"
     if sheet.parameters:
-        yield from _part("PARAMETERS: what a site says")
+        yield from _section("PARAMETERS: what a site sets")
         yield from _facts(_parameters(sheet))
-    yield from _part("FAULTS: what this map shows of them")
+    yield from _section("FAULTS: which ones this map can show")
     yield from _facts(_faults(sheet))
-    yield from _part("LINK AND LIMITS")
+    yield from _section("LINK AND LIMITS")
     yield from _facts(_link(sheet))
 
 
@@ -52,11 +52,11 @@ def _head(sheet: MapSheet) -> Iterator[tuple[str, str]]:
     yield "sha256", sheet.sha256
 
 
-_WRONG = {
+_EFFECT_TEXTS = {
     FaultEffect.OPEN: "a door may be said to be open that is not",
     FaultEffect.MODE: "robots may be let in, or something be pressed, in a mode without robots",
     FaultEffect.EFFECT: "a command may be said to be confirmed that had no effect",
-    FaultEffect.OUTPUT: "an output may stay on that counts as let go",
+    FaultEffect.OUTPUT: "an output that counts as released may stay on",
 }
 
 
@@ -65,9 +65,9 @@ def _faults(sheet: MapSheet) -> Iterator[tuple[str, str]]:
     unseen = [fault for fault in sheet.faults if fault.within_s is None]
     seen = [fault for fault in sheet.faults if fault.within_s is not None and fault.lies]
     for fault in unseen:
-        yield fault.fault, f"UNDETECTABLE: {fault.how}; {'; '.join(_WRONG[lie] for lie in fault.lies)}"
+        yield fault.fault, f"UNDETECTABLE: {fault.how}; {'; '.join(_EFFECT_TEXTS[lie] for lie in fault.lies)}"
     for fault in seen:
-        until = f"; until it is over, {'; '.join(_WRONG[lie] for lie in fault.lies)}" if fault.goes_on else ""
+        until = f"; until it is over, {'; '.join(_EFFECT_TEXTS[lie] for lie in fault.lies)}" if fault.goes_on else ""
         yield fault.fault, f"detected within {fault.within_s:g} s: {fault.how}{until}"
     harmless = ", ".join(fault.fault for fault in sheet.faults if fault not in (*unseen, *seen))
     yield "no wrong word", f"because of {harmless}"
@@ -149,7 +149,7 @@ def _parameters(sheet: MapSheet) -> Iterator[tuple[str, str]]:
         yield parameter.name, f"{value} {parameter.value}{allowed}: {parameter.help}"
 
 
-def _part(heading: str) -> Iterator[str]:
+def _section(heading: str) -> Iterator[str]:
     yield ""
     yield heading
 

@@ -1,4 +1,4 @@
-"""Signals and commands of a map in words that an electrician uses: where they are, how they are coded, what is done with them."""
+"""Describes signals and commands of a map in the terms of an electrician: address, coding and use."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ FUNCTIONS = {
 """Function codes by their use (Modbus Application Protocol V1.1b3, 6)."""
 
 LINK_LOSS = {
-    "device_watchdog": "the watchdog of the controller lets go",
+    "device_watchdog": "the watchdog of the controller releases it",
     "timed_by_device": "the controller ends it by itself",
-    "latches": "STAYS ON: nothing lets go",
+    "latches": "STAYS ON: nothing releases it",
 }
 """What happens to an output when the manager is lost."""
 
 SHARED_WORD = {
     "owned": "the whole register is ours; its spare bits are written as 0",
     "mask_write": "others use this register too; only our bits are changed, by function 22",
-    "accepted": "others use this register too; it is read afresh before each write, and a lost update is accepted",
+    "accepted": "others use this register too; it is read before each write, and a lost update is accepted",
 }
-"""What is said of a register of which a command is only some bits."""
+"""Notes on a register of which a command has only some bits."""
 
 
 def one_line(text: str) -> str:
-    """Take control characters and line ends out of a text that somebody else wrote."""
+    """Remove control characters and line ends from a foreign text."""
     return " ".join(_CONTROL.sub(" ", text).split())
 
 
 def wire(point: Point, count: int = 1) -> str:
-    """Name a place on the wire: `holding 5 bit 0`; `count` places that follow one another: `discrete 0 to 7`."""
+    """Describe an address on the wire: `holding 5 bit 0`, or `count` adjacent ones: `discrete 0 to 7`."""
     where = f"{point.endpoint}/{point.table}" if point.endpoint else str(point.table)
     if point.table in BIT_TABLES or point.width == 16:
         last = f" to {point.address + count - 1}" if count > 1 else ""
@@ -57,16 +57,16 @@ def wire(point: Point, count: int = 1) -> str:
 
 
 def runs(points: Sequence[Point]) -> Iterator[tuple[int, int]]:
-    """Yield (first index, count) of points that lie side by side, so that eight contacts need not be eight lines."""
+    """Yield (first index, count) of adjacent points, so that eight contacts need only one line."""
     start = 0
     for index in range(1, len(points) + 1):
-        if index == len(points) or not _follows(points[index - 1], points[index]):
+        if index == len(points) or not _is_adjacent(points[index - 1], points[index]):
             yield start, index - start
             start = index
 
 
-def in_order(signal: SignalCodec, spec: Signal) -> tuple[Point, ...]:
-    """Return the points of a signal as a reader expects them: of a 32-bit number, the lower address first."""
+def in_word_order(signal: SignalCodec, spec: Signal) -> tuple[Point, ...]:
+    """Return the points of a signal with the lower address of a 32-bit number first."""
     return tuple(sorted(signal.points)) if spec.is_wide else signal.points
 
 
@@ -81,7 +81,7 @@ def read_functions(points: Sequence[Point]) -> tuple[int, ...]:
 
 
 def signal_coding(signal: SignalCodec, spec: Signal) -> str:
-    """Say how a signal is coded, as a whole."""
+    """Describe the coding of a signal."""
     inverted = "; inverted: 0 = made" if spec.active == "low" else ""
     if spec.open_limit is not None:
         return f"limit contacts fully open and fully closed; neither = moving, both = fault{inverted}"
@@ -106,7 +106,7 @@ def signal_coding(signal: SignalCodec, spec: Signal) -> str:
 
 
 def command_coding(command: CommandCodec) -> str:
-    """Say what is written for a command, and what lets go."""
+    """Describe the values that give and release a command."""
     spec = command.spec
     if spec.one_of is not None:
         each = "one relay pulse per floor" if command.is_timed_coil else "one output per floor"
@@ -124,7 +124,7 @@ def command_coding(command: CommandCodec) -> str:
 
 
 def action(spec: Command) -> str:
-    """Say how a command is given and how it ends."""
+    """Describe how a command is given and how it ends."""
     if spec.is_heartbeat:
         return f"always written, every {spec.every_s or 0:g} s"
     parts = list(_action(spec))
@@ -136,7 +136,7 @@ def action(spec: Command) -> str:
 
 
 def confirmation(spec: Command) -> str:
-    """Say what proves that a command worked; empty where the map names nothing."""
+    """Describe the evidence of a command; empty if the map has none."""
     if spec.confirm is None:
         return ""
     words = {"effect": "the lift does it", "readback": "the output reads back as written"}
@@ -145,14 +145,14 @@ def confirmation(spec: Command) -> str:
 
 
 def conditions(spec: Command) -> str:
-    """Say what must be true before a press, what is let go first, and what the controller grants."""
+    """Describe the conditions of a press, what is released first, and what the controller grants."""
     parts = []
     if spec.requires:
         parts.append(f"only while {' and '.join(spec.requires)} {'reads' if len(spec.requires) == 1 else 'read'} yes")
     if spec.excludes:
         gap = f" {spec.gap_s:g} s before" if spec.gap_s else ""
         parts.append(
-            f"{' and '.join(spec.excludes)} {'is' if len(spec.excludes) == 1 else 'are'} let go{gap or ' first'}"
+            f"{' and '.join(spec.excludes)} {'is' if len(spec.excludes) == 1 else 'are'} released{gap or ' first'}"
         )
     if spec.granted_by is not None:
         parts.append(f"granted by {spec.granted_by}, within {spec.granted_within_s:g} s")
@@ -160,7 +160,7 @@ def conditions(spec: Command) -> str:
 
 
 def link_loss(spec: Command) -> str:
-    """Say what happens to a command when the manager is lost."""
+    """Describe what happens to a command when the manager is lost."""
     if spec.on_link_loss is not None:
         return LINK_LOSS[spec.on_link_loss]
     if spec.is_heartbeat:
@@ -170,7 +170,7 @@ def link_loss(spec: Command) -> str:
     return "a press that is on STAYS ON until the manager is back"
 
 
-def _follows(one: Point, other: Point) -> bool:
+def _is_adjacent(one: Point, other: Point) -> bool:
     if (one.endpoint, one.table, one.width) != (other.endpoint, other.table, other.width):
         return False
     if one.is_whole:
@@ -179,7 +179,7 @@ def _follows(one: Point, other: Point) -> bool:
 
 
 def _entries(spec: Signal | Command) -> str:
-    """Say which floor each entry of a list with one per floor belongs to."""
+    """Describe the order of a list with one entry per floor."""
     return "lowest first" if spec.codes is None else f"for the codes {', '.join(map(str, spec.codes))}"
 
 
@@ -227,15 +227,15 @@ def _values(signal: SignalCodec, spec: Signal) -> str:
 
 
 def one_output(command: CommandCodec) -> str:
-    """One output of a command."""
+    """Describe one output of a command."""
     spec = command.spec
     if spec.payload is not None:
         counts = f"{payload_counts(spec)} counts of {spec.payload.unit_s:g} s"
         if command.is_timed_coil:
             return f"the time in the request ({counts}) closes the relay"
-        return f"the time it is to last ({counts}) is written; {spec.rest} lets go"
+        return f"the time it is to last ({counts}) is written; {spec.rest} releases it"
     on, rest = spec.on, spec.rest
-    return f"{on} = on" if spec.ends_itself else f"{on} = on, {rest} = let go"
+    return f"{on} = on" if spec.ends_itself else f"{on} = on, {rest} = released"
 
 
 def _action(spec: Command) -> Iterator[str]:
@@ -243,12 +243,12 @@ def _action(spec: Command) -> Iterator[str]:
     if spec.action == "pulse" and spec.timed_by == "device":
         yield f"a press of {width:g} s that the device ends; nothing is written back"
     elif spec.action == "pulse":
-        yield f"pressed for {width:g} s, then let go"
+        yield f"pressed for {width:g} s, then released"
     else:
         ends = {"arrived": "until the car is there", "closed": "until the door is closed"}
         ends |= {"robot_in_place": "until the robot is in place", "robot_left": "until the robot has left"}
-        until = ends.get(spec.until or "", "until let go")
-        yield f"held {until}, at most {limit:g} s unless wanted anew"
+        until = ends.get(spec.until or "", "until released")
+        yield f"held {until}, at most {limit:g} s unless renewed"
         if spec.repeat_pulse_s is not None:
             yield f"made of presses of {width:g} s, every {spec.repeat_pulse_s:g} s"
     if spec.refresh_s is not None:

@@ -44,7 +44,7 @@ LIFTS = (
 
 
 async def run_demo(sock: socket, *, speed: float, console: Console) -> bool:
-    """Run the demo on a listening socket until SIGTERM or Ctrl-C; returns whether every output was seen to be let go."""
+    """Run the demo on a listening socket until SIGTERM or Ctrl-C; returns whether the release of every output was verified."""
     stop = asyncio.Event()
     stop_on_signals(stop)
     async with AsyncExitStack() as stack:

@@ -1,4 +1,4 @@
-"""Simulated lifts for demo and `simulate`: a map, floors and a speed become a controller and its devices."""
+"""Makes simulated lifts for demo and `simulate`: a controller and its devices from a map, floors and a speed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from simulator.server import SimulatedController
 from simulator.state import Parameters
 
 HIGHEST_TRIED = 99
-"""Where codes are numbers, floors are looked for up to here. Chosen: more than any building has."""
+"""The highest floor code that is tried if codes are numbers. Chosen: more than any building has."""
 USUAL_FLOORS = 4
-"""How many floors a simulated building has where its map leaves the choice. Chosen."""
+"""Chosen: floors of a simulated building if its map leaves the choice."""
 
 
 def simulated_lift(
@@ -72,7 +72,7 @@ def controllers(
 
 
 def blind_spots(codec: Codec) -> tuple[str, ...]:
-    """Return what a map does not tell of its lift, in plain words."""
+    """Return a text about what a map does not show of its lift."""
     told = codec.signals.keys()
     blind = [] if "car_floor" in told else ["where the car is"]
     return (*blind, *([] if any(name.startswith("door.") for name in told) else ["whether its door is open"]))

@@ -31,13 +31,13 @@ except SystemExit as shadowed:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the marker known."""
+    """Register the marker."""
     config.addinivalue_line("markers", MARKER)
 
 
 @pytest.fixture
 def lift_bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
-    """What the other fixtures stand on: a thread, and on it the lifts that the markers ask for."""
+    """The base of the other fixtures: a thread with the lifts of the markers."""
     # heavy, and so imported here, when a test needs it
     from lift_manager.lab.bench import Bench  # noqa: PLC0415
     from lift_manager.lab.bench.plan import wish_of  # noqa: PLC0415
@@ -58,7 +58,7 @@ def lift_simulator(lift_bench: Bench) -> LiftSimulator:
 
 @pytest.fixture
 def modbus_faults(lift_bench: Bench) -> ModbusFaults:
-    """The wires to the controllers, on which anything can be made to go wrong; those of `lift_site` are these."""
+    """The wires to the controllers, with faults on request; `lift_site` uses them."""
     return lift_bench.modbus_faults()
 
 
@@ -79,7 +79,7 @@ def _marks(request: pytest.FixtureRequest) -> list[pytest.Mark]:
 
 @contextmanager
 def _in_words() -> Iterator[None]:
-    """Fail with the sentence that says what is wrong in the test, without a traceback of ours."""
+    """Fail with the message about the mistake in the test, without an internal traceback."""
     from lift_manager.lab.bench import BenchError  # noqa: PLC0415
 
     try:

@@ -1,7 +1,7 @@
 """Who is really in the car, by what the robots of a schedule do: nobody else may be given the lift meanwhile."""
 
 from drivers.model import FloorName
-from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.lift_under_test import Finding
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lift.events import Acknowledged, HandedOver, SessionEnded, SessionOpened
@@ -32,7 +32,7 @@ class Aboard:
         """It is out."""
         self._robots.pop(lift, None)
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         """Compare to whom the lift is given with who stands in it; its holder's word and a person's are believed."""
         match event:
             case Acknowledged(lift=lift):
@@ -65,20 +65,20 @@ class Aboard:
             return False
         return request.robot is None and not request.hold_door and self._at.get(lift) == request.floor
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         """Know where the car is."""
         self._at[lift] = truth.at
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """Not its business."""
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         """Not its business."""
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Not its business."""
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Believe a holder that releases the lift where it stands: that is its word that it is out."""
         if refused is not None:
             return
@@ -89,7 +89,7 @@ class Aboard:
         if releases and self._robots.get(lift) == request.holder:
             self.left(lift)
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Forget a robot whose boarding may not have been written down when the manager was killed, as the manager does."""
         for lift in struck.fault.lifts if isinstance(struck.fault, ForgottenRecords) else ():
             self.left(lift)

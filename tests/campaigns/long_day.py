@@ -19,7 +19,7 @@ from random import Random
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World
 from lift_manager.runtime.errors import RequestRefused
@@ -82,13 +82,13 @@ def building(count: int) -> LoadedSite:
 def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] = lambda _: None) -> Day:
     """Let the day pass; `tell` gets a line for each thirty-second part of it, and one for each finding."""
     loaded = building(lifts)
-    oracle = judge_of(loaded)
+    oracle = oracle_of(loaded)
     day = Day(lifts, hours, Played(Schedule(seed, "all", 1.0, 900.0, 300.0, 5.0, ()), oracle.findings))
     lasts_s = hours * 3600
 
     async def main() -> None:
         story = Story(oracle.findings, {name: judged.controllers for name, judged in oracle.judges.items()})
-        world = World(loaded, (oracle, Rules(oracle), day.played.aboard, story), seed=seed, look_s=POLL_S)
+        world = World(loaded, (oracle, Rules(oracle), day.played.aboard, story), seed=seed, observe_every_s=POLL_S)
         async with world.running():
             busy = [
                 asyncio.ensure_future(_busy(world, name, seed * 1000 + n, day)) for n, name in enumerate(world.lifts)

@@ -19,9 +19,9 @@ from pathlib import Path
 from lift_manager.commissioning.detection import Detection, FaultEffect, detections
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
-from lift_manager.lab.world.judged import Finding, Judged, SuspectValues
-from lift_manager.lab.world.judging import judge_of
-from lift_manager.lab.world.oracle import STANDS_STILL, Oracle
+from lift_manager.lab.world.lift_under_test import Finding, LiftUnderTest, SuspectValues
+from lift_manager.lab.world.oracle import FROZEN_FAULTS, Oracle
+from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.witness import FloorRequest
 from lift_manager.lab.world.world import World
 from lift_manager.lift.observation import RobotDoor
@@ -112,7 +112,7 @@ def device_faults() -> tuple[Fault, ...]:
 def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
     """Play one cell; where the lift has nothing that could fail like this, or never comes to this phase, it says so."""
     loaded = loaded_site(name, 900.0, 300.0, 0.0)
-    judges = judge_of(loaded).judges
+    judges = oracle_of(loaded).judges
     oracle = Oracle({lift: replace(judged, excuses={}) for lift, judged in judges.items()})
     watch = _Watch()
 
@@ -149,10 +149,10 @@ BESIDE = frozenset({SuspectValues.FLOOR, SuspectValues.SHOWN})
 """What is said beside the open door: detection does not speak of it, and the judge knows which faults misread it."""
 
 
-def _misreads(judged: Judged, fault: Fault | WireFault) -> bool:
+def _misreads(judged: LiftUnderTest, fault: Fault | WireFault) -> bool:
     name = fault_name(fault)
     excuse = judged.excuses.get(name)
-    return name in STANDS_STILL or (excuse is not None and not BESIDE.isdisjoint(excuse.kinds))
+    return name in FROZEN_FAULTS or (excuse is not None and not BESIDE.isdisjoint(excuse.kinds))
 
 
 class _Watch:
@@ -228,7 +228,7 @@ def _set(world: World, fault: Fault | WireFault, *, on: bool) -> None:
         (world.begin if on else world.end)(LIFT, fault)
         return
     for controller in world.lifts[LIFT].controllers:
-        (world.spoil if on else world.mend)(controller, fault)
+        (world.begin_wire_fault if on else world.end_wire_fault)(controller, fault)
 
 
 def _name(fault: Fault | WireFault) -> str:

@@ -14,8 +14,8 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.disk import SimulatedDisk
-from lift_manager.lab.world.judged import Finding, SuspectValues
-from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.lift_under_test import Finding, SuspectValues
+from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.press_rows import PressRows
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import FloorRequest, Witness
@@ -198,14 +198,14 @@ def play(
     `disk` is one of `disk_for`, `steady` as in WireFaults; `more` makes what else is done beside the events.
     """
     loaded, disk = site_for(schedule), disk or disk_for(schedule)
-    oracle = judge_of(loaded)
+    oracle = oracle_of(loaded)
     played = Played(schedule, oracle.findings)
 
     async def main() -> None:
         settings = {LIFT: Parameters(speed=schedule.speed)}
         ours = (oracle, Rules(oracle), PressRows(oracle, disk), played.aboard)
         world = World(loaded, (*ours, *witnesses), seed=schedule.seed, settings=settings, disk=disk)
-        for weather in world.weather.values():
+        for weather in world.wire_faults.values():
             weather.steady = steady
         async with world.running():
             doing = [*(act(world, LIFT, event, played) for event in schedule.events), *more(world)]
@@ -218,7 +218,7 @@ def play(
             if isinstance(error, Exception):
                 raise error
         if not world.released and oracle.is_clean(LIFT, LASTS_S, app.RELEASE_WITHIN_S):
-            oracle.find(
+            oracle.report(
                 LASTS_S, LIFT, "held at the end", "nothing stood against letting go of everything", SuspectValues.OUTPUT
             )
 
@@ -266,14 +266,14 @@ async def _fail(world: World, lift: str, event: DeviceFails | WireFails | DiskFa
                 world.end(lift, event.fault)
         case WireFails():
             for controller in world.lifts[lift].controllers:
-                world.spoil(controller, event.fault)
+                world.begin_wire_fault(controller, event.fault)
             await elapse(event.for_s)
             for controller in world.lifts[lift].controllers:
-                world.mend(controller, event.fault)
+                world.end_wire_fault(controller, event.fault)
         case DiskFails():
-            world.spoil_disk(event.fault)
+            world.begin_disk_fault(event.fault)
             await elapse(event.for_s)
-            world.mend_disk(event.fault)
+            world.end_disk_fault(event.fault)
 
 
 def _person_acts(world: World, lift: str, what: str) -> RequestRefused | None:

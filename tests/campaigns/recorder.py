@@ -15,7 +15,7 @@ from typing import Any
 from lift_manager.config.load import LoadedSite
 from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.fault_names import fault_name
-from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lab.world.world import World
@@ -59,7 +59,7 @@ class Recorder:
         self.recording: Recording = {
             name: [] for name in ("inputs", "replies", "states", "workshop", "events", "journal")
         }
-        self._max_age_s = {name: about.max_age_s for name, about in judge_of(loaded).judges.items()}
+        self._max_age_s = {name: about.max_age_s for name, about in oracle_of(loaded).judges.items()}
         self._states: dict[str, LiftState] = {}
         self._workshop: dict[str, Json] = {}
         self._ids: dict[str, str] = {}
@@ -67,13 +67,13 @@ class Recorder:
         self._exchanges: dict[str, list[Exchange]] = {name: [] for name in loaded.controllers}
         disk.on_noted.append(self._noted)
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         """The lift itself is not recorded: the simulator is not what is compared."""
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """Presses are on the wire."""
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         """Write down a state that differs from the one before in more than its ages, as /api/v1 and as the workshop have it."""
         timeless = replace(state, age_s=None, held_since_s=None)
         if self._states.get(lift) == timeless:
@@ -87,15 +87,15 @@ class Recorder:
             self._workshop[lift] = workshop
             self._add("workshop", at, workshop)
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Keep it: it is decoded at the end, when its answers are known."""
         self._exchanges[controller].append(exchange)
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         """Write down an event as the event stream has it."""
         self._add("events", at, encode_event(event, self._max_age_s[event.lift]).model_dump(mode="json"))
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Write down a request, and the reply."""
         said = {
             "lift": request.lift,
@@ -106,7 +106,7 @@ class Recorder:
         }
         self._replied(at, said, refused)
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Write down a fault, a restart or the end."""
         what = "begins" if struck.began else "ends"
         match struck.fault:

@@ -3,7 +3,7 @@
 from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping, Sequence
 
-from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.lift_under_test import Finding
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange, FloorRequest
 from lift_manager.lift.state import LiftState
@@ -35,30 +35,30 @@ class Story:
         """Yield what happened before a finding, oldest first; nothing for late ones of many."""
         yield from self._stories.get(number, ())
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         """Note what the car does."""
         self._change(
             at, lift, "is", (truth.at, truth.passed, truth.heading, truth.open_at, truth.doors_shut, truth.mode)
         )
         self._change(at, lift, "has", (sorted(truth.calls), truth.robot_mode, truth.given))
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """Note what was newly asked for over the wire."""
         self._note(at, lift, f"pressed {', '.join(sorted(commands))}")
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         """Note what is said of it."""
         said = (str(state.quality), state.floor, str(state.robot_door), str(state.mode), str(state.holder))
         self._change(at, lift, "is said to be", (*said, state.restrictions.waiting_for))
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Too much to be kept."""
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         """Note what the manager tells."""
         self._note(at, event.lift, f"tells {event}")
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Note a request; one that is refused as the one before it was is no news."""
         lift, holder = request.lift, request.holder
         word = f"{holder} asks for {request.floor}, hold {request.hold_door}, {request.robot}: "
@@ -67,7 +67,7 @@ class Story:
         else:
             self._change(at, lift, f"refuses {holder}", f"{word}{refused.code}")
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Note a fault of the lift or of its wires, or of everything."""
         for lift, controllers in self._controllers.items():
             if struck.where in (lift, *controllers) or struck.where not in self._places:

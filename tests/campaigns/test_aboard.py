@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.lift_under_test import Finding
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FloorRequest
 from lift_manager.lift.events import HandedOver, SessionEnded, SessionOpened
@@ -22,10 +22,10 @@ def found(then: Callable[[Aboard], None]) -> list[Finding]:
     """Let a robot of R1 get in at L2, then something happen, and give the lift to R2."""
     findings: list[Finding] = []
     judge = Aboard(findings)
-    judge.looked(1.0, "lift", standing_at("L2"))
+    judge.on_truth(1.0, "lift", standing_at("L2"))
     judge.entered("lift", R1)
     then(judge)
-    judge.heard(9.0, SessionOpened("lift", R2, "L1"))
+    judge.on_event(9.0, SessionOpened("lift", R2, "L1"))
     return findings
 
 
@@ -36,19 +36,19 @@ def standing_at(floor: str) -> Truth:
 
 @pytest.mark.parametrize(("to", "findings"), [(R2, 0), (Holder("fleet", "r3"), 1)])
 def test_a_robot_in_the_car_is_of_whom_the_lift_was_handed_over_to(to: Holder, findings: int) -> None:
-    assert len(found(lambda judge: judge.heard(3.0, HandedOver("lift", R1, to)))) == findings
+    assert len(found(lambda judge: judge.on_event(3.0, HandedOver("lift", R1, to)))) == findings
 
 
 def test_nobody_gives_a_lift_away_in_which_the_robot_of_another_stands() -> None:
     def then(judge: Aboard) -> None:
-        judge.heard(3.0, HandedOver("lift", R2, R1))
+        judge.on_event(3.0, HandedOver("lift", R2, R1))
         judge.left("lift")
 
     assert len(found(then)) == 1
 
 
 def ends(judge: Aboard, reason: EndReason) -> None:
-    judge.heard(3.0, SessionEnded("lift", R1, reason, "over", None))
+    judge.on_event(3.0, SessionEnded("lift", R1, reason, "over", None))
 
 
 def test_the_lift_is_not_given_to_another_while_a_robot_stands_in_it() -> None:
@@ -61,9 +61,9 @@ def test_a_release_is_the_word_that_it_is_out() -> None:
 
 def test_who_wanted_no_more_than_to_be_where_the_car_is_now_is_out() -> None:
     def then(judge: Aboard) -> None:
-        judge.looked(2.0, "lift", standing_at("L1"))
-        judge.requested(2.0, FloorRequest("lift", R1, "L2", hold_door=False), None)
-        judge.looked(3.0, "lift", standing_at("L2"))
+        judge.on_truth(2.0, "lift", standing_at("L1"))
+        judge.on_request(2.0, FloorRequest("lift", R1, "L2", hold_door=False), None)
+        judge.on_truth(3.0, "lift", standing_at("L2"))
         ends(judge, EndReason.ARRIVED)
 
     assert not found(then)
@@ -80,9 +80,9 @@ def test_who_wanted_no_more_than_to_be_where_the_car_is_now_is_out() -> None:
 )
 def test_an_arrival_is_not_believed_where(last: FloorRequest, at: str) -> None:
     def then(judge: Aboard) -> None:
-        judge.looked(2.0, "lift", standing_at("L3"))
-        judge.requested(2.0, last, None)
-        judge.looked(3.0, "lift", standing_at(at))
+        judge.on_truth(2.0, "lift", standing_at("L3"))
+        judge.on_request(2.0, last, None)
+        judge.on_truth(3.0, "lift", standing_at(at))
         ends(judge, EndReason.ARRIVED)
 
     assert len(found(then)) == 1
@@ -90,9 +90,9 @@ def test_an_arrival_is_not_believed_where(last: FloorRequest, at: str) -> None:
 
 def test_a_request_that_was_refused_is_no_word() -> None:
     def then(judge: Aboard) -> None:
-        judge.looked(2.0, "lift", standing_at("L1"))
+        judge.on_truth(2.0, "lift", standing_at("L1"))
         refused = RequestRefused(Refusal.HELD, "held")
-        judge.requested(2.0, FloorRequest("lift", R1, "L1", hold_door=False), refused)
+        judge.on_request(2.0, FloorRequest("lift", R1, "L1", hold_door=False), refused)
         ends(judge, EndReason.ARRIVED)
 
     assert len(found(then)) == 1

@@ -71,7 +71,7 @@ class Seen:
     opened: list[FloorName] = field(default_factory=list)
     """Floors at which the car has stood open, one after the other."""
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         if not truth.doors_shut:
             self.shut_since = None
         elif self.shut_since is None:
@@ -79,26 +79,26 @@ class Seen:
         if truth.open_at is not None and [truth.open_at] != self.opened[-1:]:
             self.opened.append(truth.open_at)
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         if state.robot_door is RobotDoor.OPEN:
             self.invitations += 1
             if self.shut_since is not None and at - self.shut_since > (state.age_s or 0.0):
                 self.lies.append(f"{at:.2f} s: open at {state.floor}, and the door is shut")
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         if isinstance(event, Alarm):
             self.alarms.append((at, event.text))
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """Nothing about presses is looked at here."""
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Nothing about the wire is looked at here."""
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Nothing is struck here."""
 
-    def requested(self, at: float, request: FloorRequest, refused: object) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: object) -> None:
         """Nothing about requests is looked at here."""
 
     @property

@@ -19,12 +19,12 @@ from openpyxl.worksheet.worksheet import Worksheet
 from lift_manager.commissioning.iolist.model import COLUMNS, SIGN_OFF, SIGNATURES, IoList, LiftList
 
 COVER = "Cover"
-LONGEST_NAME = 31
+MAX_NAME_LENGTH = 31
 """Of a sheet, in Excel."""
 
 _WIDTHS = (3.5, 15, 18, 8.5, 11, 7.5, 8, 4.5, 8, 15, 14, 15, 8.5, 22, 7, 6.5, 6.5)
 """Of the columns, in characters of Excel. Chosen: A4 landscape then takes them at four fifths of their size, which is 6.5 point."""
-_NOT_IN_A_NAME = re.compile(r"[\[\]:*?/\\]")
+_FORBIDDEN_IN_NAME = re.compile(r"[\[\]:*?/\\]")
 
 _LINE = Side(style="thin", color="FF888888")
 _FRAME = Border(left=_LINE, right=_LINE, top=_LINE, bottom=_LINE)
@@ -58,11 +58,11 @@ def sheet_names(lifts: Sequence[str]) -> list[str]:
     names: list[str] = []
     taken = {COVER.lower(), "history"}  # Excel keeps the second one for itself
     for lift in lifts:
-        plain = _NOT_IN_A_NAME.sub(" ", lift).strip(" '") or "Lift"
-        name, number = plain[:LONGEST_NAME].rstrip(" '"), 2
+        plain = _FORBIDDEN_IN_NAME.sub(" ", lift).strip(" '") or "Lift"
+        name, number = plain[:MAX_NAME_LENGTH].rstrip(" '"), 2
         while name.lower() in taken:
             ending = f" {number}"
-            name, number = plain[: LONGEST_NAME - len(ending)].rstrip(" '") + ending, number + 1
+            name, number = plain[: MAX_NAME_LENGTH - len(ending)].rstrip(" '") + ending, number + 1
         taken.add(name.lower())
         names.append(name)
     return names

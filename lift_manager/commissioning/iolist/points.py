@@ -25,14 +25,14 @@ def io_points(codec: Codec, floors: Mapping[str, int], devices: Mapping[str, Dev
 
     `floors` are the site's floor codes by name; `devices` say where the controller (empty name) and every endpoint are.
     """
-    sheet = _Sheet(codec, {code: one_line(name) for name, code in floors.items()}, devices)
+    sheet = _PointBuilder(codec, {code: one_line(name) for name, code in floors.items()}, devices)
     for signal in codec.signals.values():
         yield from sheet.signal(signal)
     for command in codec.commands.values():
         yield from sheet.command(command)
 
 
-class _Sheet:
+class _PointBuilder:
     def __init__(self, codec: Codec, floors: Mapping[int, str], devices: Mapping[str, Device]) -> None:
         self._codec = codec
         self._floors = floors
@@ -40,7 +40,7 @@ class _Sheet:
 
     def signal(self, signal: SignalCodec) -> Iterator[IoPoint]:
         spec = self._codec.map.signals[signal.name]
-        points = wording.in_order(signal, spec)
+        points = wording.in_word_order(signal, spec)
         parts = self._parts(spec)
         if spec.is_wide:
             points, parts = points[:1], [""]

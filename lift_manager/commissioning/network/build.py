@@ -8,7 +8,7 @@ from ipaddress import ip_address
 
 from drivers.modbus.plan import plan_reads, polled_points
 from drivers.modbus.writes import read_back_blocks
-from lift_manager.commissioning.network.errors import NetworkRefused
+from lift_manager.commissioning.network.errors import UnknownHost
 from lift_manager.commissioning.network.model import MapUse, Network, Span, Station, Unit, Write, joined
 from lift_manager.commissioning.wording import one_line
 from lift_manager.config.devices import Device, devices
@@ -19,26 +19,26 @@ from register_maps.codec import Block, Codec, compile_map
 Lookup = Callable[[str], tuple[str, ...]]
 """From a host name to its addresses; none where the name is not known."""
 
-Seen = tuple[Device, str, Span]
+PlannedRead = tuple[Device, str, Span]
 """A read: the device, the lift, the place."""
-Told = tuple[Device, Write]
+PlannedWrite = tuple[Device, Write]
 
 
 def network(loaded: LoadedSite, lookup: Lookup | None = None) -> Network:
     """Work out what a site reads and writes, and where; host names are looked up where `lookup` is given.
 
-    Raises NetworkRefused for a name that nobody knows.
+    Raises UnknownHost for a name that cannot be resolved.
     """
     site = loaded.site
-    seen: list[Seen] = []
-    told: list[Told] = []
+    reads: list[PlannedRead] = []
+    writes: list[PlannedWrite] = []
     for name, lift in site.lifts.items():
         codec = compile_map(loaded.maps[name].map, offset=lift.offset)
         placed = devices(site, lift, codec.map)
-        seen += [(placed[block.endpoint], name, _span(block)) for block in _reads(loaded, lift, codec)]
+        reads += [(placed[block.endpoint], name, _span(block)) for block in _read_blocks(loaded, lift, codec)]
         if lift.access == "control":
-            told += [(placed[endpoint], write) for endpoint, write in _writes(name, codec)]
-    stations = tuple(_station(loaded, name, seen, told, lookup) for name in loaded.controllers)
+            writes += [(placed[endpoint], write) for endpoint, write in _write_spans(name, codec)]
+    stations = tuple(_station(loaded, name, reads, writes, lookup) for name in loaded.controllers)
     uses = tuple(
         MapUse(one_line(name), loaded.maps[name].map.name, loaded.maps[name].sha256, lift.access)
         for name, lift in site.lifts.items()
@@ -63,22 +63,24 @@ def look_up(host: str) -> tuple[str, ...]:
 
 
 def addresses(name: str, host: str, lookup: Lookup) -> tuple[str, ...]:
-    """Return what the host of a controller stands for. Raises NetworkRefused for a name that nobody knows."""
+    """Return what the host of a controller stands for. Raises UnknownHost for a name that cannot be resolved."""
     try:
         return (str(ip_address(host.strip("[]"))),)
     except ValueError:
         found = lookup(host)
     if not found:
-        raise NetworkRefused(
-            f"controller {name}: nobody here knows the address of {host}, and firewalls go by addresses; run this "
+        raise UnknownHost(
+            f"controller {name}: this computer cannot resolve {host}, and firewalls go by addresses; run this "
             "on the manager's computer, or write the address in the site file"
         )
     return found
 
 
-def _station(loaded: LoadedSite, name: str, seen: list[Seen], told: list[Told], lookup: Lookup | None) -> Station:
+def _station(
+    loaded: LoadedSite, name: str, reads: list[PlannedRead], writes: list[PlannedWrite], lookup: Lookup | None
+) -> Station:
     controller = loaded.controllers[name]
-    places = {*(device for device, _, _ in seen), *(device for device, _ in told)}
+    places = {*(device for device, _, _ in reads), *(device for device, _ in writes)}
     units = sorted(device.unit_id for device in places if device.controller == name)
     return Station(
         name=one_line(name),
@@ -86,24 +88,24 @@ def _station(loaded: LoadedSite, name: str, seen: list[Seen], told: list[Told], 
         addresses=() if lookup is None else addresses(one_line(name), controller.host, lookup),
         port=controller.port,
         tls=controller.tls is not None,
-        units=tuple(_unit(loaded, Device(name, unit), seen, told) for unit in units),
+        units=tuple(_unit(loaded, Device(name, unit), reads, writes) for unit in units),
     )
 
 
-def _unit(loaded: LoadedSite, device: Device, seen: list[Seen], told: list[Told]) -> Unit:
-    reads = [(lift, span) for place, lift, span in seen if place == device]
-    writes = tuple(write for place, write in told if place == device)
-    lifts = tuple(dict.fromkeys([*(lift for lift, _ in reads), *(write.lift for write in writes)]))
+def _unit(loaded: LoadedSite, device: Device, reads: list[PlannedRead], writes: list[PlannedWrite]) -> Unit:
+    own_reads = [(lift, span) for place, lift, span in reads if place == device]
+    own_writes = tuple(write for place, write in writes if place == device)
+    lifts = tuple(dict.fromkeys([*(lift for lift, _ in own_reads), *(write.lift for write in own_writes)]))
     return Unit(
         unit_id=device.unit_id,
         lifts=tuple(one_line(lift) for lift in lifts),
         maps=tuple(dict.fromkeys(loaded.maps[lift].map.name for lift in lifts)),
-        reads=tuple(joined(span for _, span in reads)),
-        writes=tuple(sorted(writes, key=lambda write: (write.span, write.function))),
+        reads=tuple(joined(span for _, span in own_reads)),
+        writes=tuple(sorted(own_writes, key=lambda write: (write.span, write.function))),
     )
 
 
-def _reads(loaded: LoadedSite, lift: Lift, codec: Codec) -> Iterator[Block]:
+def _read_blocks(loaded: LoadedSite, lift: Lift, codec: Codec) -> Iterator[Block]:
     """Yield what is polled and, of a lift that is commanded, what is read back."""
     placed = devices(loaded.site, lift, codec.map).values()
     needs = [loaded.links[device.controller] for device in placed]
@@ -119,12 +121,15 @@ def _reads(loaded: LoadedSite, lift: Lift, codec: Codec) -> Iterator[Block]:
             yield from command.blocks  # read afresh before each write
 
 
-def _writes(lift: str, codec: Codec) -> Iterator[tuple[str, Write]]:
+def _write_spans(lift: str, codec: Codec) -> Iterator[tuple[str, Write]]:
     for command in codec.commands.values():
         printed = list(zip(command.points, command.spec.addresses, strict=True))
         for block, function in zip(command.blocks, command.functions, strict=True):
-            inside = tuple(text for point, text in printed if block.holds(point))
-            yield block.endpoint, Write(function, _span(block), command.name, inside, codec.map.name, one_line(lift))
+            addresses_in_block = tuple(text for point, text in printed if block.holds(point))
+            yield (
+                block.endpoint,
+                Write(function, _span(block), command.name, addresses_in_block, codec.map.name, one_line(lift)),
+            )
 
 
 def _span(block: Block) -> Span:

@@ -3,5 +3,5 @@
 from __future__ import annotations
 
 
-class NetworkRefused(Exception):
+class UnknownHost(Exception):
     """The sentence says why, and what to do."""

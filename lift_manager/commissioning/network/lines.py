@@ -19,7 +19,7 @@ def comment(*paragraphs: str) -> Iterator[str]:
         yield from textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="#   ") if text else ["#"]
 
 
-def about(found: Network, what: str) -> Iterator[str]:
+def header(found: Network, what: str) -> Iterator[str]:
     """Yield what every file begins with: the site, and the maps with their hashes. Without a date: the same site makes the same file."""
     yield from comment(
         f"{what} for the site {found.site}, made by lift-manager network from its site file.", "", "Maps:"
@@ -33,7 +33,7 @@ def about(found: Network, what: str) -> Iterator[str]:
     yield "#"
 
 
-def where(station: Station) -> str:
+def address_text(station: Station) -> str:
     """Name a controller and its place."""
     host = f"[{station.host}]" if ":" in station.host else station.host
     return f"{station.name} ({host}:{station.port})"

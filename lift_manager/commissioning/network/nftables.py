@@ -16,7 +16,7 @@ def host(found: Network, clients: Sequence[str], user: str) -> Iterator[str]:
 
     `clients` are the networks that may use the API.
     """
-    yield from lines.about(found, "nftables for the lift manager's own computer")
+    yield from lines.header(found, "nftables for the lift manager's own computer")
     yield from lines.comment(
         "It adds to what that computer's firewall does, and is about nothing but the lift manager: its user reaches the controllers and "
         "nothing else, nobody but its user reaches them, and only the named networks reach its API.",
@@ -49,7 +49,7 @@ def host(found: Network, clients: Sequence[str], user: str) -> Iterator[str]:
 
 def gateway(found: Network, clients: Sequence[str], managers: Sequence[str]) -> Iterator[str]:
     """Yield a ruleset for the gateway between the controllers' network, the manager and the rest of the building."""
-    yield from lines.about(found, "nftables for the gateway in front of the controllers and of the lift manager")
+    yield from lines.header(found, "nftables for the gateway in front of the controllers and of the lift manager")
     yield from lines.comment(
         f"The manager at {', '.join(managers)} reaches the controllers, on their ports. Nobody else reaches them, and they begin no "
         "connection. The manager is reached on the port of its API, by the named networks; whoever looks after that computer "

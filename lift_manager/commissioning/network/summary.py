@@ -16,7 +16,7 @@ _TLS = "Modbus/TCP over TLS: both sides show a certificate, and nobody on the wa
 
 def summary(found: Network) -> Iterator[str]:
     """Yield the table: every connection, its port, and what is read and written over it; addresses as on the wire."""
-    yield f"{found.site}: what the network has to let through, and nothing else"
+    yield f"{found.site}: connections that the network has to allow, and no others"
     yield ""
     yield "Manager to controllers (TCP)"
     for station in found.stations:
@@ -24,7 +24,7 @@ def summary(found: Network) -> Iterator[str]:
     yield ""
     yield "Clients to manager (TCP)"
     yield from _wrapped(
-        2, f"{_host(found.api_host)}:{found.api_port}, {'HTTPS' if found.api_tls else 'HTTP'}: {_reach(found)}"
+        2, f"{_host(found.api_host)}:{found.api_port}, {'HTTPS' if found.api_tls else 'HTTP'}: {_clients_text(found)}"
     )
     yield ""
     yield from textwrap.wrap(
@@ -35,7 +35,7 @@ def summary(found: Network) -> Iterator[str]:
 
 
 def _station(station: Station) -> Iterator[str]:
-    yield from _wrapped(2, f"{lines.where(station)}, {_TLS if station.tls else _PLAIN}")
+    yield from _wrapped(2, f"{lines.address_text(station)}, {_TLS if station.tls else _PLAIN}")
     for unit in station.units:
         yield from _wrapped(4, f"unit {unit.unit_id}: lift {', '.join(unit.lifts)}; map {', '.join(unit.maps)}")
         yield from _unit(unit)
@@ -52,10 +52,10 @@ def _unit(unit: Unit) -> Iterator[str]:
         yield "      writes  nothing"
 
 
-def _reach(found: Network) -> str:
+def _clients_text(found: Network) -> str:
     if found.on_loopback:
         return "reached from the manager's own computer only"
-    return "robots, the fleet and whoever looks at the lifts; name their networks with --clients"
+    return "robots, the fleet and people who monitor the lifts; name their networks with --clients"
 
 
 def _host(text: str) -> str:

@@ -23,9 +23,9 @@ FIRST_SID, SIDS = 1_000_000, 1_000_000
 
 _WRITE_TABLE = {5: Table.COIL, 15: Table.COIL, 6: Table.HOLDING, 16: Table.HOLDING, 22: Table.HOLDING}
 _READ_WRITE = 23
-_OTHERS = (7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 24)
+_OTHER_FUNCTIONS = (7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 24)
 """Below 25, neither reads nor writes of the four tables (Modbus Application Protocol V1.1b3, 5.1; 9, 10, 13, 14, 18 and 19 have no use there)."""
-_REST = ("unassigned", "reserved", "user")
+_OTHER_ADDRESSES = ("unassigned", "reserved", "user")
 _WORD = {Table.COIL: "coils", Table.DISCRETE: "discretes", Table.HOLDING: "holding", Table.INPUT: "input"}
 _MALFORMED = {
     "invalid_protocol_id": "a protocol id other than 0",
@@ -33,7 +33,7 @@ _MALFORMED = {
     "invalid_function_code": "a function code that Modbus does not have",
 }
 _MODBUS_PORT = 502
-_MOST_LABELS = 8
+_MAX_LABELS = 8
 """Commands that one message names. Chosen: a line that still fits a screen."""
 _ESCAPED = re.compile(r'[\\";:|]')
 
@@ -63,13 +63,13 @@ def rules(found: Network, managers: Sequence[str], *, action: str = "alert", rea
     used: set[int] = set()
     for station in found.stations:
         yield ""
-        yield from lines.comment(f"{lines.where(station)}, map {', '.join(station.maps)}")
+        yield from lines.comment(f"{lines.address_text(station)}, map {', '.join(station.maps)}")
         for rule in _station(station, reads=reads):
             yield _text(rule, action, managers, _sid(f"{found.site} {rule.identity}", used))
 
 
 def _header(found: Network, managers: Sequence[str]) -> Iterator[str]:
-    yield from lines.about(found, "Suricata rules")
+    yield from lines.header(found, "Suricata rules")
     ports = sorted({station.port for station in found.stations})
     yield from lines.comment(
         f"The lift manager is at {', '.join(managers)}. Addresses in messages are as the map prints them; behind `address` they count from 1, as "
@@ -101,16 +101,16 @@ def _station(station: Station, *, reads: bool) -> Iterator[_Rule]:
     if station.tls:
         yield from _tls(station)
         return
-    yield from _anybody(station)
-    yield from _foreign(station)
+    yield from _any_host_rules(station)
+    yield from _foreign_host_rules(station)
     if station.writes:
-        yield from _own(station)
+        yield from _own_host_rules(station)
     if reads:
         yield from _reads(station)
 
 
 def _tls(station: Station) -> Iterator[_Rule]:
-    where = f"{lines.where(station)}, map {', '.join(station.maps)}"
+    where = f"{lines.address_text(station)}, map {', '.join(station.maps)}"
     connect = ("flow:to_server", "flags:S,12")
     yield _Rule("tcp", False, station, station.port, connect, f"another host connects to {where}")
     no_tls = ("flow:established,to_server", "app-layer-protocol:!tls")
@@ -120,14 +120,14 @@ def _tls(station: Station) -> Iterator[_Rule]:
         yield _Rule("tcp", None, station, _MODBUS_PORT, connect, text)
 
 
-def _anybody(station: Station) -> Iterator[_Rule]:
+def _any_host_rules(station: Station) -> Iterator[_Rule]:
     """What neither the manager nor anybody else has a reason for."""
-    where = f"{lines.where(station)}, map {', '.join(station.maps)}"
-    for function in _OTHERS:
+    where = f"{lines.address_text(station)}, map {', '.join(station.maps)}"
+    for function in _OTHER_FUNCTIONS:
         yield _modbus(
             None, station, (f"function {function}",), f"function {function:02}, which is never used, to {where}"
         )
-    for kind in _REST:
+    for kind in _OTHER_ADDRESSES:
         yield _modbus(None, station, (f"function {kind}",), f"{kind} function, which is never used, to {where}")
     for event, what in _MALFORMED.items():
         options = ("flow:established,to_server", f"app-layer-event:modbus.{event}")
@@ -136,8 +136,8 @@ def _anybody(station: Station) -> Iterator[_Rule]:
     yield _Rule("tcp", None, station, station.port, options, f"something other than Modbus to {where}")
 
 
-def _foreign(station: Station) -> Iterator[_Rule]:
-    where = f"{lines.where(station)}, map {', '.join(station.maps)}"
+def _foreign_host_rules(station: Station) -> Iterator[_Rule]:
+    where = f"{lines.address_text(station)}, map {', '.join(station.maps)}"
     if station.writes:
         text = f"another host writes to {where}: {_labels(write.label for write in station.writes)}"
         yield _modbus(False, station, ("access write",), text)
@@ -145,9 +145,9 @@ def _foreign(station: Station) -> Iterator[_Rule]:
         yield _modbus(None, station, ("access write",), f"a write to {where}, which no command is for")
 
 
-def _own(station: Station) -> Iterator[_Rule]:
+def _own_host_rules(station: Station) -> Iterator[_Rule]:
     """Writes by the manager's host that no command makes."""
-    where = lines.where(station)
+    where = lines.address_text(station)
     used = frozenset[int]().union(*(unit.functions for unit in station.units))
     for function in (*sorted(_WRITE_TABLE.keys() - used), _READ_WRITE):
         text = f"function {function:02}, which no command uses, to {where}, map {', '.join(station.maps)}"
@@ -164,7 +164,7 @@ def _own(station: Station) -> Iterator[_Rule]:
 
 
 def _unit(station: Station, unit: Unit, used: frozenset[int]) -> Iterator[_Rule]:
-    where = f"unit {unit.unit_id} of {lines.where(station)}, map {', '.join(unit.maps)}"
+    where = f"unit {unit.unit_id} of {lines.address_text(station)}, map {', '.join(unit.maps)}"
     for function in sorted(used - unit.functions):
         text = f"function {function:02}, which no command uses there, to {where}"
         yield _modbus(True, station, (f"unit {unit.unit_id}, function {function}",), text)
@@ -179,19 +179,19 @@ def _unit(station: Station, unit: Unit, used: frozenset[int]) -> Iterator[_Rule]
 
 
 def _place(unit: Unit, function: int, gap: Gap) -> str:
-    below = [write.label for write in unit.writes if write.function == function and _touches(write.span, gap.before)]
-    above = [write.label for write in unit.writes if write.function == function and _touches(write.span, gap.after)]
+    below = [write.label for write in unit.writes if write.function == function and _overlaps(write.span, gap.before)]
+    above = [write.label for write in unit.writes if write.function == function and _overlaps(write.span, gap.after)]
     if below and above:
         return f"between {_labels(below)} and {_labels(above)},"
     return f"above {_labels(below)}," if below else f"below {_labels(above)},"
 
 
-def _touches(span: Span, stretch: Span | None) -> bool:
+def _overlaps(span: Span, stretch: Span | None) -> bool:
     return stretch is not None and stretch.start <= span.start <= stretch.last
 
 
 def _reads(station: Station) -> Iterator[_Rule]:
-    where = f"{lines.where(station)}, map {', '.join(station.maps)}"
+    where = f"{lines.address_text(station)}, map {', '.join(station.maps)}"
     yield _modbus(False, station, ("access read",), f"another host reads from {where}")
     for term in unit_gaps({unit.unit_id for unit in station.units}):
         yield _modbus(True, station, (f"unit {term}, access read",), f"a read from a unit that no lift is on, {where}")
@@ -216,8 +216,8 @@ def _modbus(ours: bool | None, station: Station, keywords: Iterable[str], messag
 
 def _labels(labels: Iterable[str]) -> str:
     listed = list(dict.fromkeys(labels))
-    more = f" and {len(listed) - _MOST_LABELS} more" if len(listed) > _MOST_LABELS else ""
-    return ", ".join(listed[:_MOST_LABELS]) + more
+    more = f" and {len(listed) - _MAX_LABELS} more" if len(listed) > _MAX_LABELS else ""
+    return ", ".join(listed[:_MAX_LABELS]) + more
 
 
 def _text(rule: _Rule, action: str, managers: Sequence[str], sid: int) -> str:

@@ -10,7 +10,7 @@ from lift_manager.commissioning.network.model import Network
 
 def drop_in(found: Network, clients: Sequence[str]) -> Iterator[str]:
     """Yield the lines of a drop-in for lift-manager.service; `clients` are the networks that may use the API."""
-    yield from lines.about(found, "A drop-in for lift-manager.service")
+    yield from lines.header(found, "A drop-in for lift-manager.service")
     yield from lines.comment(
         "Install as /etc/systemd/system/lift-manager.service.d/network.conf, then systemctl daemon-reload and restart. It knows addresses "
         "and no ports; the ports are for nftables.",
@@ -26,7 +26,7 @@ def drop_in(found: Network, clients: Sequence[str]) -> Iterator[str]:
     yield "IPAddressDeny=any"
     yield "IPAddressAllow=localhost"
     for station in found.stations:
-        yield from lines.comment(lines.where(station))
+        yield from lines.comment(lines.address_text(station))
         for address in station.addresses:
             yield f"IPAddressAllow={address}"
     if clients and not found.on_loopback:

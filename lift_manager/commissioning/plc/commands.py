@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lift_manager.commissioning.plc import cells
-from lift_manager.commissioning.plc.demands import watchdog_s
+from lift_manager.commissioning.plc.requirements import watchdog_s
 from lift_manager.commissioning.plc.signals import Part
 from lift_manager.commissioning.plc.terminals import GUARDS
 from register_maps.codec import Codec, CommandCodec
 
 
-def obey(codec: Codec, floor_codes: Sequence[int]) -> Iterator[tuple[str, Part]]:
+def command_part(codec: Codec, floor_codes: Sequence[int]) -> Iterator[tuple[str, Part]]:
     """Write down how every command of the map is carried out, each part with a heading."""
     yield "May robots use the lift at all? A broken wire says no.", _guards()
     yield "The request for robot mode is the manager's sign of life; each one counts for a while.", _robot_mode(codec)

@@ -3,5 +3,5 @@
 from __future__ import annotations
 
 
-class NoProgram(Exception):
+class ProgramError(Exception):
     """This map, or these floors, are not something the program can be written for."""

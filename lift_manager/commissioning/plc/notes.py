@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from lift_manager.commissioning.plc.cells import BLOCK, Area, areas
-from lift_manager.commissioning.plc.demands import watchdog_s
+from lift_manager.commissioning.plc.requirements import watchdog_s
 from register_maps.codec import Codec
 from register_maps.words import BIT_TABLES
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from lift_manager.commissioning.plc import cells, demands, notes
-from lift_manager.commissioning.plc.commands import obey
-from lift_manager.commissioning.plc.signals import Part, tell
+from lift_manager.commissioning.plc import cells, notes, requirements
+from lift_manager.commissioning.plc.commands import command_part
+from lift_manager.commissioning.plc.signals import Part, signal_part
 from lift_manager.commissioning.plc.terminals import Terminal, inputs, outputs
 from lift_manager.commissioning.plc.wiring import wiring_sheet
 from register_maps.codec import Codec, compile_map
@@ -29,16 +29,16 @@ def render(source: RegisterMap, floors: Mapping[str, int]) -> PlcProgram:
 
     Raises NoProgram for a map that is not a generic one, or that asks for what the program cannot do.
     """
-    demands.check_name(source)
+    requirements.check_name(source)
     codec = compile_map(source)
-    demands.check(codec, floors)
+    requirements.check(codec, floors)
     return PlcProgram(structured_text(codec, floors), wiring_sheet(codec, floors))
 
 
 def structured_text(codec: Codec, floors: Mapping[str, int]) -> str:
-    """Write the function block for a compiled map that `demands.check` has accepted."""
+    """Write the function block for a compiled map that `requirements.check` has accepted."""
     codes, names = tuple(floors.values()), tuple(floors)
-    sections = [*obey(codec, codes), ("What the manager reads.", _joined(tell(codec, codes)))]
+    sections = [*command_part(codec, codes), ("What the manager reads.", _joined(signal_part(codec, codes)))]
     lines = [
         "(*",
         *(f"  {line}".rstrip() for line in notes.header(codec, floors)),

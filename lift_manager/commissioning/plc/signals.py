@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from lift_manager.commissioning.plc import cells
-from lift_manager.commissioning.plc.errors import NoProgram
+from lift_manager.commissioning.plc.errors import ProgramError
 from lift_manager.commissioning.plc.terminals import shows_lamps
 from register_maps.codec import UNLISTED, Codec, Point, SignalCodec, Value
 from register_maps.schema import Kind
@@ -64,7 +64,7 @@ class Part:
     statements: tuple[str, ...] = ()
 
 
-def tell(codec: Codec, floor_codes: Sequence[int]) -> Iterator[Part]:
+def signal_part(codec: Codec, floor_codes: Sequence[int]) -> Iterator[Part]:
     """Write down how every signal of the map is told."""
     numbers = range(1, len(floor_codes) + 1)
     if "car_floor" in codec.signals:
@@ -267,7 +267,7 @@ def _blank(signal: SignalCodec) -> int:
         return signal.encode(None)
     if signal.decode(0) in (UNLISTED, None):
         return 0
-    raise NoProgram(
+    raise ProgramError(
         f"{signal.name} has no code for unknown, and 0 means {signal.decode(0)}; "
         "let its codes start at 1, so that zeros are never believed"
     )

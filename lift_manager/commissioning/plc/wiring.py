@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from lift_manager.commissioning.plc.cells import areas
-from lift_manager.commissioning.plc.demands import watchdog_s
 from lift_manager.commissioning.plc.notes import platforms, use
+from lift_manager.commissioning.plc.requirements import watchdog_s
 from lift_manager.commissioning.plc.terminals import Contact, Terminal, inputs, outputs
 from register_maps.codec import Codec, CommandCodec, SignalCodec
 from register_maps.schema import Command, Signal
@@ -136,7 +136,7 @@ def _order(command: CommandCodec) -> str:
     if spec.action == "pulse":
         return f"{what}; a press of {spec.width_s:g} s, then {spec.rest}"
     again = "" if spec.refresh_s is None else f", written again every {spec.refresh_s:g} s"
-    return f"{what}; held{again}; {spec.rest} lets go"
+    return f"{what}; held{again}; {spec.rest} releases it"
 
 
 def _trials(codec: Codec) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""What the pytest fixtures `lift_simulator`, `modbus_faults` and `lift_site` are made of; see docs/reference/pytest-fixtures.md."""
+"""The implementation of the pytest fixtures `lift_simulator`, `modbus_faults` and `lift_site`; see docs/reference/pytest-fixtures.md."""
 
 from lift_manager.lab.bench.bench import Bench
 from lift_manager.lab.bench.errors import BenchBroken, BenchError, NeverSeen

@@ -1,4 +1,4 @@
-"""Everything of one test: a thread, and on it the lifts, the wires and the manager, each started when it is first asked for."""
+"""The bench of one test: a thread with the lifts, the wires and the manager, each started at its first use."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from lift_manager.lab.bench.wire import ModbusFaults, Wires
 
 
 class Bench:
-    """Close it in the end: then no thread, task or socket of it is left. Raises then what broke on it."""
+    """Owns the thread, tasks and sockets of one test; `close` ends them all, and raises what broke on them."""
 
     def __init__(self, wishes: Sequence[Mapping[str, Any]], *, near: Path, folder: Path) -> None:
-        """`wishes` are what the markers say, `near` is where their maps are looked for, and `folder` takes files. Raises BenchError."""
+        """`wishes` are the markers, `near` is the folder of their maps, and `folder` is for files. Raises BenchError."""
         self._plans = plan_lifts(wishes, near)
         self._plants = {plan.name: Plant(plan) for plan in self._plans}
         self._folder = folder
@@ -38,7 +38,7 @@ class Bench:
         self._open.close()
 
     def simulator(self) -> LiftSimulator:
-        """Return the one lift of the test. Raises BenchError where there are several."""
+        """Return the only lift of the test. Raises BenchError if there are several."""
         if len(self._simulators) > 1:
             lifts = ", ".join(self._simulators)
             first = next(iter(self._simulators))
@@ -52,7 +52,7 @@ class Bench:
         return ModbusFaults(self._started_wires(), self._thread, *self._plants)
 
     def site(self) -> LiftSite:
-        """Return the manager, which reaches its lifts over the wires. Raises BenchError for what no site file may say."""
+        """Return the manager, which reaches its lifts over the wires. Raises BenchError for an invalid site file."""
         if self._site is None:
             site = RunningSite(self._plans, self._started_wires(), self._plants, self._folder)
             self._open.enter_context(self._thread.hosting(site.running()))

@@ -1,10 +1,10 @@
-"""What a test that uses the bench can be told."""
+"""The exceptions of the bench."""
 
 from __future__ import annotations
 
 
 class BenchError(Exception):
-    """What the test asks of the bench cannot be, with the reason in words."""
+    """The bench cannot do what the test requests; the message says why."""
 
 
 class BenchBroken(BenchError):
@@ -12,4 +12,4 @@ class BenchBroken(BenchError):
 
 
 class NeverSeen(AssertionError):
-    """What a test waited for did not come in its time. An AssertionError: the test fails, and is not in error."""
+    """A condition did not occur in time. An AssertionError, so that the test fails instead of ending with an error."""

@@ -1,4 +1,4 @@
-"""What a manager has told and refused, written down for a test."""
+"""Records the events and refusals of a manager for a test."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from lift_manager.runtime.bus import Bus, Event
 
 @dataclass(frozen=True, slots=True)
 class LogEntry:
-    """One thing that happened, beside changes of state."""
+    """One event other than a change of state."""
 
     at_s: float
-    """By `time.monotonic`."""
+    """In seconds of `time.monotonic`."""
     lift: str
     what: Event | Refused
 
 
 class Log:
-    """Everything that happened, oldest first."""
+    """All events, oldest first."""
 
     def __init__(self) -> None:
         self.entries: list[LogEntry] = []
         self.news: Bus[LogEntry] = Bus()
 
     def add(self, lift: str, what: Event | Refused) -> None:
-        """Write down what happens now."""
+        """Record an event now."""
         entry = LogEntry(asyncio.get_running_loop().time(), lift, what)
         self.entries.append(entry)
         self.news.publish(entry)
 
     @property
     def alarms(self) -> tuple[str, ...]:
-        """What a person should know of, in words."""
+        """The texts of alarms."""
         return tuple(entry.what.text for entry in self.entries if isinstance(entry.what, Alarm))
 
     @property
     def refusals(self) -> tuple[Refused, ...]:
-        """Every answer no."""
+        """All refusals."""
         return tuple(entry.what for entry in self.entries if isinstance(entry.what, Refused))
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
-        """What became of commands."""
+        """The outcomes of commands."""
         return tuple(entry.what.outcome for entry in self.entries if isinstance(entry.what, CommandEnded))

@@ -1,4 +1,4 @@
-"""What lifts a test wants: the marker `lift`, read and checked before anything is started."""
+"""Reads and checks the marker `lift` of a test before anything starts."""
 
 from __future__ import annotations
 
@@ -20,18 +20,17 @@ from simulator.faults import Fault
 NAME = "lift"
 MAP = "generic-registers"
 SPEED = 20.0
-"""Mechanical seconds in one real second. Chosen: a ride over one floor is then a matter of the robot mode and the pulse, which
-take their own time at any speed."""
+"""Mechanical seconds per real second. Chosen: robot mode and pulses, which do not scale, then dominate a ride over one floor."""
 POLL_S = 0.05
-"""Chosen: as often as the simulated controller looks at its inputs."""
+"""Chosen: the scan time of the simulated controller."""
 CLEAR_S = 0.5
-"""`clear_s` of a lift of the bench where nothing else is said. Chosen: leases and limits of two seconds are usual in tests."""
+"""The default `clear_s` of a lift of the bench. Chosen: leases and limits of two seconds are usual in tests."""
 
 ACCEPTED = "the controller is simulated and ends with the test"
 
 _OWN_KEYS = ("name", "map", "floors", "speed", "faults")
 _FIXED_KEYS = frozenset({"controller", "endpoints", "offset", "unit_id", "floors"})
-"""What of a lift in a site file the bench says itself."""
+"""Keys of a lift in a site file that the bench sets itself."""
 _SITE_KEYS = tuple(name for name in Lift.model_fields if name not in _FIXED_KEYS)
 
 
@@ -45,13 +44,13 @@ class LiftPlan:
     floors: Mapping[str, int]
     speed: float
     faults: tuple[Fault, ...]
-    """Those with which it begins."""
+    """The faults with which it begins."""
     keys: Mapping[str, Any]
-    """What the site file says of this lift, beside its place and floors."""
+    """Further keys of this lift in the site file, besides its controller and floors."""
 
 
 def plan_lifts(wishes: Sequence[Mapping[str, Any]], near: Path) -> tuple[LiftPlan, ...]:
-    """Return the lifts of a test, one for each wish, or the usual one where there is none.
+    """Return the lifts of a test, one for each marker, or the default one without markers.
 
     `near` is the folder for maps that are given by a path. Raises BenchError.
     """
@@ -64,7 +63,7 @@ def plan_lifts(wishes: Sequence[Mapping[str, Any]], near: Path) -> tuple[LiftPla
 
 
 def wish_of(args: Sequence[object], kwargs: Mapping[str, object]) -> dict[str, object]:
-    """Return what one marker wishes for. Raises BenchError for a key that it does not have."""
+    """Return the lift that one marker describes. Raises BenchError for an unknown key."""
     allowed = (*_OWN_KEYS, *_SITE_KEYS)
     if len(args) > 1:
         raise BenchError(f"@pytest.mark.lift takes one name and then keys, not {', '.join(map(repr, args))}")

@@ -24,7 +24,7 @@ from simulator.state import ShownState
 
 HOST = "127.0.0.1"
 WITHIN_S = 5.0
-"""How long a test waits where it does not say. Chosen: several rides at the usual speed, on a machine that is busy."""
+"""The default time limit of a wait. Chosen: several rides at the usual speed, on a busy machine."""
 _FINGER_SCANS = 3
 """For how many scans a person presses a button. Chosen: no scan can miss it."""
 
@@ -33,16 +33,16 @@ TruthCondition = Callable[[Truth], bool]
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """The controller is newly asked for something over the network, or no longer: a press or a release."""
+    """A command that a write over the network gave to the controller or released."""
 
     at_s: float
     """By `time.monotonic`."""
     command: str
     """As in the map, such as `go_to` or `hold_door.front`."""
     floor: FloorName | None
-    """Of a call."""
+    """The floor of a call."""
     on: bool
-    """False when it is no longer asked for, whoever let go of it."""
+    """False for a release, by any writer."""
 
 
 class Plant:
@@ -60,7 +60,7 @@ class Plant:
         self.writes: list[Write] = []
         self.changes: Bus[Truth] = Bus()
         self.ports: dict[str, int] = {}
-        """Where each device listens, by endpoint; the controller itself goes by the empty name."""
+        """The address of each device by endpoint; the controller itself has the empty name."""
         self._plan = plan
         self._inputs = self.face.inputs
         self._given: frozenset[tuple[str, int]] = frozenset()
@@ -69,7 +69,7 @@ class Plant:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Listen, and let time pass."""
+        """Listen and advance time."""
         source = self._plan.codec.map
         async with AsyncExitStack() as stack:
             for endpoint in ("", *source.endpoints):
@@ -89,7 +89,7 @@ class Plant:
                         timer.cancel()
 
     def look(self) -> Truth:
-        """Step the lift to this moment, note what has changed, and return what it really does."""
+        """Advance the lift to now, record changes, and return its physical state."""
         now = _now()
         self.face.advance(now)
         before, truth = self.history.last, truth_of(self.face, self.floors, self.face.commands)
@@ -100,7 +100,7 @@ class Plant:
         return truth
 
     def begin(self, fault: Fault) -> None:
-        """Let something go wrong. Raises BenchError for what this map cannot have."""
+        """Begin a fault. Raises BenchError for one that this map cannot have."""
         try:
             self.face.begin(fault, _now())
         except ValueError as error:
@@ -108,7 +108,7 @@ class Plant:
         self.look()
 
     def end(self, fault: Fault) -> None:
-        """Let it be well again. Raises BenchError for a fault that is not there."""
+        """End a fault. Raises BenchError if it has not begun."""
         if fault not in self.face.faults:
             present = ", ".join(map(repr, self.face.faults)) or "none"
             raise BenchError(f"{self.name}: {fault!r} has not begun, or has ended; present: {present}")
@@ -122,7 +122,7 @@ class Plant:
         self.look()
 
     def press(self, kind: str, floor: FloorName) -> None:
-        """Put a finger on a button, and take it off some scans later; `kind` is car_buttons or landing_buttons."""
+        """Press a button for some scans; `kind` is car_buttons or landing_buttons."""
         if floor not in self.floors:
             raise BenchError(f"{self.name}: no floor {floor!r}; there is {', '.join(self.floors)}")
         button = self.floors.index(floor)
@@ -149,7 +149,7 @@ class Plant:
         return truth
 
     def _scan(self) -> None:
-        """Look as often as the controller does, so that a change is seen whether or not anybody asks for registers."""
+        """Observe at the scan time of the controller, so that changes are found even without requests."""
         self.look()
         self._next_scan = asyncio.get_running_loop().call_later(self.face.parameters.scan_s, self._scan)
 
@@ -165,7 +165,7 @@ class Plant:
 
 
 class _Recorded:
-    """A device whose writes are noted as they come, so that two within one scan are two."""
+    """A device that records writes one by one, so that two within one scan count as two."""
 
     def __init__(self, device: RegisterFace | Endpoint, look: Callable[[], object]) -> None:
         self._device = device
@@ -193,12 +193,12 @@ class _Recorded:
 
     @property
     def on_network(self) -> bool:
-        """Whether it answers at all."""
+        """Whether it answers."""
         return self._device.on_network
 
     @property
     def faults(self) -> frozenset[Fault]:
-        """What is the matter with it."""
+        """Its current faults."""
         return self._device.faults
 
     def watch(self, watcher: Callable[[], None]) -> None:
@@ -219,12 +219,12 @@ class LiftSimulator:
 
     @property
     def name(self) -> str:
-        """As the manager calls it."""
+        """Its name in the manager."""
         return self._plant.name
 
     @property
     def host(self) -> str:
-        """Where its controller is, without the faults of the wire."""
+        """The address of its controller, bypassing the faulty wire."""
         return HOST
 
     @property
@@ -234,7 +234,7 @@ class LiftSimulator:
 
     @property
     def ports(self) -> Mapping[str, int]:
-        """The ports of its devices by endpoint; the controller itself goes by the empty name."""
+        """The ports of its devices by endpoint; the controller itself has the empty name."""
         return self._plant.ports
 
     @property
@@ -246,12 +246,12 @@ class LiftSimulator:
 
     @property
     def truth(self) -> Truth:
-        """What the lift really does at this moment, by its own physics, whatever its registers show."""
+        """The physical state of the lift now, whatever its registers show."""
         return self._thread.call(self._plant.look)
 
     @property
     def picture(self) -> ShownState:
-        """The same in the words of the simulator: floors are indices, doors and speed are there one by one."""
+        """The same as a value of the simulator: floors are indices, doors and speed are separate."""
 
         def look() -> ShownState:
             self._plant.look()
@@ -266,33 +266,33 @@ class LiftSimulator:
 
     @property
     def writes(self) -> tuple[Write, ...]:
-        """What the controller was asked for over the network, and no longer asked for, in order."""
+        """The commands given and released over the network, in order."""
         return self._thread.call(lambda: tuple(self._plant.writes))
 
     def wait_for(self, condition: TruthCondition, *, within_s: float = WITHIN_S) -> Truth:
-        """Return the first truth from here on for which the condition holds. Raises NeverSeen, which fails the test."""
+        """Return the first truth from now on that meets the condition. Raises NeverSeen, which fails the test."""
         return self._thread.run(self._plant.reached(condition, within_s), within_s=within_s)
 
     async def when(self, condition: TruthCondition, *, within_s: float = WITHIN_S) -> Truth:
-        """Wait as `wait_for` does, for an asyncio test, whose loop goes on meanwhile."""
+        """Like `wait_for`, for an asyncio test, without blocking its loop."""
         return await self._thread.run_async(self._plant.reached(condition, within_s))
 
     # -- what goes wrong
 
     def begin(self, fault: Fault | str, **values: object) -> Fault:
-        """Let a fault begin; returns it as a value."""
+        """Begin a fault; returns it as a value."""
         value = device_fault(fault, values, self.floors)
         self._thread.call(lambda: self._plant.begin(value))
         return value
 
     def end(self, fault: Fault | str, **values: object) -> None:
-        """Let a fault end."""
+        """End a fault."""
         value = device_fault(fault, values, self.floors)
         self._thread.call(lambda: self._plant.end(value))
 
     @contextmanager
     def fault(self, fault: Fault | str, **values: object) -> Iterator[Fault]:
-        """Have a fault for as long as the context lasts."""
+        """Apply a fault within the context."""
         value = self.begin(fault, **values)
         try:
             yield value
@@ -301,25 +301,25 @@ class LiftSimulator:
 
     @property
     def faults(self) -> frozenset[Fault]:
-        """Those that have begun and not ended."""
+        """The current faults."""
         return self._thread.call(lambda: self._plant.face.faults)
 
     # -- what people do
 
     def press_landing(self, floor: FloorName) -> None:
-        """Press the button beside the shaft door of a floor, and let it go again."""
+        """Press and release the landing button of a floor."""
         self._thread.call(lambda: self._plant.press("landing_buttons", floor))
 
     def press_car(self, floor: FloorName) -> None:
-        """Press the button of a floor in the car, and let it go again."""
+        """Press and release the button of a floor in the car."""
         self._thread.call(lambda: self._plant.press("car_buttons", floor))
 
     def set_fire(self, on: bool) -> None:  # noqa: FBT001 - it is all that the name leaves open
-        """Let the fire alarm of the building come, or go."""
+        """Switch the fire alarm of the building on or off."""
         self._thread.call(lambda: self._plant.people(fire=on))
 
     def block_doorway(self, *sides: Side) -> None:
-        """Let somebody stand in the light curtain of these doors, and of no others; without a door, of none."""
+        """Block the light curtains of exactly these doors; without a door, of none."""
         self._thread.call(lambda: self._plant.people(obstruction=frozenset(sides)))
 
 

@@ -31,7 +31,7 @@ from lift_manager.web.server import listen, serve
 from register_maps.errors import MapFileError
 
 FACE = "bench"
-"""The face through which a test asks for somebody."""
+"""The face of requests that a test sends for another caller."""
 
 Reply = TypeVar("Reply")
 
@@ -43,7 +43,7 @@ class RunningSite:
     """The manager of a test: everything here is called on the loop of the bench."""
 
     def __init__(self, plans: Sequence[LiftPlan], wires: Wires, plants: Mapping[str, Plant], folder: Path) -> None:
-        """`folder` takes the site file. Raises BenchError for what a site file may not say."""
+        """`folder` takes the site file. Raises BenchError for an invalid site file."""
         path = folder / "site.yaml"
         path.write_text(json.dumps(site_file(plans, wires.ports, folder), indent=2), "utf-8")
         try:
@@ -61,7 +61,7 @@ class RunningSite:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Drive the lifts and serve the API. Raises whatever a part of the manager raised."""
+        """Drive the lifts and serve the API. Raises what a part of the manager raised."""
         life = self._building.life
         with listen(HOST, 0) as sock, self.site.listen() as events:
             self.port = sock.getsockname()[1]
@@ -76,7 +76,7 @@ class RunningSite:
                 self._cancel()
 
     async def stop(self) -> bool:
-        """End as a manager that is told to; returns whether every output was seen to be let go."""
+        """Stop like a manager on request; returns whether the release of every output was verified."""
         released = False
         with suppress(TimeoutError):
             async with asyncio.timeout(app.RELEASE_WITHIN_S):
@@ -137,7 +137,7 @@ class RunningSite:
 
 
 class LiftSite:
-    """A manager in front of simulated lifts, from any thread. Where a test has one lift, no method needs to be told which."""
+    """A manager of simulated lifts, for use from any thread. In a test with one lift, its name may be omitted."""
 
     def __init__(
         self, site: RunningSite, simulators: Mapping[str, LiftSimulator], faults: ModbusFaults, thread: LoopThread
@@ -149,7 +149,7 @@ class LiftSite:
 
     @property
     def address(self) -> str:
-        """Where the manager is, such as `http://127.0.0.1:40123`."""
+        """The address of the manager, such as `http://127.0.0.1:40123`."""
         return f"http://{HOST}:{self._running.port}"
 
     @property
@@ -187,7 +187,7 @@ class LiftSite:
     async def when(
         self, condition: StateCondition, *, within_s: float = WITHIN_S, lift: str | None = None
     ) -> LiftState:
-        """Wait as `wait_for` does, for an asyncio test, whose loop goes on meanwhile."""
+        """Like `wait_for`, for an asyncio test, without blocking its loop."""
         return await self._thread.run_async(self._running.reached(self._named(lift), condition, within_s))
 
     def wait_for_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> LogEntry:
@@ -195,27 +195,27 @@ class LiftSite:
         return self._thread.run(self._running.told(condition, within_s), within_s=within_s)
 
     async def when_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> LogEntry:
-        """Wait as `wait_for_event` does, for an asyncio test."""
+        """Like `wait_for_event`, for an asyncio test."""
         return await self._thread.run_async(self._running.told(condition, within_s))
 
     @property
     def events(self) -> tuple[LogEntry, ...]:
-        """Sessions, outcomes, alarms, advice, refusals and people's words, oldest first."""
+        """Sessions, outcomes, alarms, advice, refusals and decisions of people, oldest first."""
         return self._thread.call(lambda: tuple(self._running.log.entries))
 
     @property
     def alarms(self) -> tuple[str, ...]:
-        """What a person should know of, in words."""
+        """The texts of alarms."""
         return self._thread.call(lambda: self._running.log.alarms)
 
     @property
     def refusals(self) -> tuple[Refused, ...]:
-        """Every answer no, to whoever asked."""
+        """All refusals, to any caller."""
         return self._thread.call(lambda: self._running.log.refusals)
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
-        """What became of the commands to the lifts."""
+        """The outcomes of the commands to the lifts."""
         return self._thread.call(lambda: self._running.log.outcomes)
 
     # -- what others do
@@ -229,13 +229,13 @@ class LiftSite:
         robot: RobotWord | None = None,
         lift: str | None = None,
     ) -> Accepted | Refused:
-        """Ask for the car in the name of somebody who is not a client of the workshop API."""
+        """Request the car for a caller that is not a client of the workshop API."""
         name, holder = self._named(lift), Holder(FACE, by)
         return self._reply(lambda: self._running.site.request(name, holder, floor, hold_door=hold_door, robot=robot))
 
     @contextmanager
     def held(self, floor: FloorName, *, by: str = "another robot", lift: str | None = None) -> Iterator[None]:
-        """Let somebody else hold the lift for as long as the context lasts. Raises BenchError where they may not."""
+        """Let another caller hold the lift within the context. Raises BenchError if it is refused."""
         answer = self.ask(floor, by=by, lift=lift)
         if isinstance(answer, Refused):
             raise BenchError(f"{by} may not hold the lift: {answer.message}")
@@ -245,22 +245,22 @@ class LiftSite:
             self.ask(floor, by=by, hold_door=False, robot=RobotWord.LEFT, lift=lift)
 
     def acknowledge(self, *, by: str, lift: str | None = None) -> Acknowledged | Refused:
-        """Let a person say that they have checked the lift, after a fire or with a robot that may be aboard."""
+        """Acknowledge as a person who has checked the lift, after a fire or with a robot that may be aboard."""
         name = self._named(lift)
         return self._reply(lambda: self._running.site.acknowledge(name, by))
 
     def lock_out(self, *, by: str, reason: str, lift: str | None = None) -> Restriction | Refused:
-        """Let a person keep robots off."""
+        """Lock out the lift as a person."""
         name = self._named(lift)
         return self._reply(lambda: self._running.site.lock_out(name, by, reason))
 
     def end_lockout(self, *, by: str, lift: str | None = None) -> RestrictionEnded | Refused:
-        """Let a person let robots on again."""
+        """End the lockout as a person."""
         name = self._named(lift)
         return self._reply(lambda: self._running.site.end_lockout(name, by))
 
     def stop(self) -> bool:
-        """Let the manager end as when it is told to; returns whether every output was seen to be let go. Its port then refuses."""
+        """Stop the manager in order; returns whether the release of every output was verified. Its port then refuses connections."""
         return self._thread.run(self._running.stop(), within_s=app.RELEASE_WITHIN_S)
 
     def _reply(self, request: Callable[[], Reply]) -> Reply | Refused:

@@ -18,14 +18,14 @@ from lift_manager.lab.bench.errors import BenchBroken, BenchError
 T = TypeVar("T")
 
 PATIENCE_S = 10.0
-"""How long an answer of the loop may take beyond what was asked for. Chosen: it takes milliseconds unless something hangs."""
+"""How long a reply of the loop may take beyond its time limit. Chosen: it takes milliseconds unless something hangs."""
 
 ENDS_WITHIN_S = 1.0
-"""How long what was cancelled may take to end. Chosen: it takes a turn of the loop."""
+"""How long a cancelled task may take to end. Chosen: it takes one turn of the loop."""
 
 
 class LoopThread:
-    """A running event loop; close it in the end."""
+    """A running event loop in a thread; close it at the end."""
 
     def __init__(self, *, patience_s: float = PATIENCE_S) -> None:
         self._patience_s = patience_s
@@ -47,7 +47,7 @@ class LoopThread:
         self.close()
 
     def call(self, work: Callable[[], T]) -> T:
-        """Do something on the loop that does not wait; from the loop itself, at once."""
+        """Call a function on the loop that does not wait; directly if called on the loop."""
         if current_thread() is self._thread:
             return work()
 
@@ -82,7 +82,7 @@ class LoopThread:
             raise
 
     async def run_async(self, work: Coroutine[Any, Any, T]) -> T:
-        """Do the same for a caller with an event loop of its own, which goes on meanwhile."""
+        """The same for a caller with an event loop of its own, without blocking it."""
         future = self._submit(work)
         waiting = asyncio.wrap_future(future)
         try:
@@ -94,7 +94,7 @@ class LoopThread:
 
     @contextmanager
     def hosting(self, context: AbstractAsyncContextManager[T]) -> Iterator[T]:
-        """Keep a context open on the loop, in one task of its own. Raises what ended it before its time."""
+        """Keep a context open on the loop, in a task of its own. Raises what ended it early."""
         entered: Future[T] = Future()
         leave = asyncio.Event()
         kept = asyncio.run_coroutine_threadsafe(self._keep(context, entered, leave), self._loop)
@@ -111,7 +111,7 @@ class LoopThread:
             kept.result(self._patience_s)
 
     def close(self) -> None:
-        """End the thread. Raises what went wrong on it and was seen by nobody."""
+        """End the thread. Raises errors on it that were not raised anywhere else."""
         self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join(self._patience_s)
         logging.getLogger().removeHandler(self._bugs)
@@ -166,7 +166,7 @@ class LoopThread:
 
 
 class _Bugs(logging.Handler):
-    """Gathers the exceptions that were logged as errors by one thread, and so were raised to nobody."""
+    """Collects the exceptions that one thread logged as errors, and so did not raise to a caller."""
 
     def __init__(self, thread: Thread) -> None:
         super().__init__(logging.ERROR)

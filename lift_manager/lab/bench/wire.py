@@ -22,7 +22,7 @@ from simulator.wire_faults import (
 
 
 class Wires:
-    """One proxy in front of every device of every lift: everything here is called on the loop of the bench."""
+    """A proxy in front of every device of every lift; every method is called on the loop of the bench."""
 
     def __init__(self, plants: Mapping[str, Plant]) -> None:
         self.faults: dict[str, tuple[WireFaults, ...]] = {}
@@ -48,26 +48,26 @@ class Wires:
 
 
 class ModbusFaults:
-    """What goes wrong between the manager and its controllers, from any thread: on every wire, or on those of one lift.
+    """The faults between the manager and its controllers, for use from any thread: on every wire, or on those of one lift.
 
     Faults are values of `simulator.wire_faults`, or names such as `"late_answer"` with the values of their fields as keywords.
     """
 
     def __init__(self, wires: Wires, thread: LoopThread, *lifts: str) -> None:
-        """`lifts` are those whose wires are meant."""
+        """Applies to the wires of `lifts`."""
         self._wires = wires
         self._thread = thread
         self._lifts = lifts
 
     def of(self, lift: str) -> ModbusFaults:
-        """Return the same for the wires of one lift. Raises BenchError for one that this test does not have."""
+        """Return the same for the wires of one lift. Raises BenchError for an unknown lift."""
         if lift not in self._wires.faults:
             raise BenchError(f"no lift {lift!r}; there is {', '.join(self._wires.faults)}")
         return ModbusFaults(self._wires, self._thread, lift)
 
     @property
     def host(self) -> str:
-        """Where the proxies listen."""
+        """The host on which the proxies listen."""
         return HOST
 
     @property
@@ -80,7 +80,7 @@ class ModbusFaults:
         return self._wires.ports[self._lifts[0]][""]
 
     def add(self, fault: WireFault | str, **values: object) -> WireFault:
-        """Put a fault on the wires; returns it as a value. `times=1` lets it strike once on each of them."""
+        """Put a fault on the wires; returns it as a value. `times=1` applies it once on each of them."""
         value = wire_fault(fault, values)
 
         def add() -> None:
@@ -91,7 +91,7 @@ class ModbusFaults:
         return value
 
     def remove(self, fault: WireFault | str, **values: object) -> None:
-        """Take a fault off the wires. Raises BenchError if it is not there."""
+        """Remove a fault from the wires. Raises BenchError if it is not set."""
         value = wire_fault(fault, values)
 
         def remove() -> None:
@@ -105,7 +105,7 @@ class ModbusFaults:
         self._thread.call(remove)
 
     def clear(self) -> None:
-        """Take every fault away. A connection that is dead stays dead, as after a cable was pulled; the next one lives."""
+        """Remove all faults. A dead connection stays dead, as after a pulled cable; the next one works."""
 
         def clear() -> None:
             for wire in self._mine():
@@ -115,7 +115,7 @@ class ModbusFaults:
 
     @contextmanager
     def fault(self, fault: WireFault | str, **values: object) -> Iterator[WireFault]:
-        """Have a fault for as long as the context lasts."""
+        """Apply a fault within the context."""
         value = self.add(fault, **values)
         try:
             yield value
@@ -123,11 +123,11 @@ class ModbusFaults:
             self.remove(value)
 
     def silence(self) -> WireFault:
-        """Let no request reach the controller, and so get no answer, while connections stay."""
+        """Drop every request, while connections stay open."""
         return self.add(DropRequest())
 
     def cut(self) -> WireFault:
-        """Pull the cable: every connection, a later one too, is dead from its next request on, and nobody is told that it ended."""
+        """Pull the cable: every connection, also later ones, is dead from its next request on, without being closed."""
         return self.add(HalfOpen())
 
     def reset(self) -> WireFault:
@@ -136,12 +136,12 @@ class ModbusFaults:
 
     @property
     def present(self) -> tuple[WireFault, ...]:
-        """Those that are set, also used up ones."""
+        """The faults that are set, including those used up."""
         return self._thread.call(self._present)
 
     @property
     def struck(self) -> tuple[StruckFault, ...]:
-        """Everything that has been struck, in order of time: the fault, the request, and when by `time.monotonic`."""
+        """The effects of all faults in order of time: the fault, the request, and the time of `time.monotonic`."""
         return self._thread.call(
             lambda: tuple(sorted((one for wire in self._mine() for one in wire.strikes), key=attrgetter("at")))
         )

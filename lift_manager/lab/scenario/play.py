@@ -12,8 +12,8 @@ from lift_manager.lab.scenario.schema import Simulated
 from lift_manager.lab.scenario.stage import Stage
 from lift_manager.lab.scenario.trace import Entry, Recorder
 from lift_manager.lab.virtual_time import run_virtual
-from lift_manager.lab.world.judged import Finding
-from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.lift_under_test import Finding
+from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World, WorldError
 from simulator.state import Parameters
@@ -51,7 +51,7 @@ def play(loaded: LoadedScenario, *, seed: int | None = None) -> ScenarioResult:
     lasts_s = loaded.scenario.lasts_s
     seed = loaded.scenario.seed if seed is None else seed
     site = loaded.site
-    oracle, recorder = judge_of(site), Recorder(loaded.lifts)
+    oracle, recorder = oracle_of(site), Recorder(loaded.lifts)
     played = ScenarioResult(loaded, seed, recorder.entries, oracle.findings)
 
     async def main() -> None:

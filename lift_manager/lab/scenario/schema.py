@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from lift_manager.config.site import AnyFloor, Clear, Given, Seconds, Text, Wait
-from lift_manager.lab.scenario.vocabulary import WantedDoor
+from lift_manager.lab.scenario.vocabulary import RequestedDoor
 from lift_manager.lift.occupancy import RobotWord
 from register_maps.words import Side
 from simulator.state import SameFloorCall
@@ -61,7 +61,7 @@ class Request(_Part):
     """One request, as a face hands it to the manager."""
 
     floor: Text
-    door: WantedDoor = WantedDoor.OPEN
+    door: RequestedDoor = RequestedDoor.OPEN
     """`closed` lets the lift go."""
     holder: Holder = "workshop"
     robot: RobotWord | None = None

@@ -1,4 +1,4 @@
-"""Does what the steps of a scenario say, in a world that runs."""
+"""Carries out the steps of a scenario in a running world."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lift_manager.lab.scenario.schema import Inputs as Pressed
 from lift_manager.lab.scenario.schema import Robot
 from lift_manager.lab.scenario.steps import PlannedStep
 from lift_manager.lab.scenario.trace import Entry, Recorder, holder_of, reply_fields
-from lift_manager.lab.scenario.vocabulary import Person, RobotProgress, WantedDoor
+from lift_manager.lab.scenario.vocabulary import Person, RequestedDoor, RobotProgress
 from lift_manager.lab.world.witness import FloorRequest
 from lift_manager.lab.world.world import World
 from lift_manager.lift.observation import RobotDoor
@@ -21,10 +21,10 @@ from lift_manager.runtime.errors import RequestRefused
 from simulator.people import People
 from simulator.state import Inputs
 
-ASKS_EVERY_S = 1.0
-"""How often a robot repeats itself: as the clients of the workshop API do."""
-LOOKS_EVERY_S = 0.25
-"""How often it looks at the state meanwhile."""
+REQUEST_EVERY_S = 1.0
+"""How often a robot repeats its request: as clients of the workshop API do."""
+CHECK_STATE_EVERY_S = 0.25
+"""How often it checks the state meanwhile."""
 
 
 class Stage:
@@ -34,67 +34,67 @@ class Stage:
         self._world = world
         self._recorder = recorder
         self._seed = seed
-        self._awaited: list[tuple[str, Match, asyncio.Future[None]]] = []
+        self._waits: list[tuple[str, Match, asyncio.Future[None]]] = []
         self._pressed: dict[str, list[Inputs]] = {name: [] for name in world.lifts}
-        self._begun: list[PlannedStep] = []
-        recorder.on_entry = self._happened
+        self._started: list[PlannedStep] = []
+        recorder.on_entry = self._on_entry
 
     async def act(self, planned: PlannedStep) -> None:
-        """Do one step when its time has come; it may be cancelled at any time."""
+        """Carry out one step at its time; may be cancelled at any time."""
         step, when = planned.step, planned.parts.when
         await asyncio.sleep(step.at or 0.0)
         if when is not None:
             try:
                 async with asyncio.timeout(step.within_s):
-                    await self._until(planned.lift, when)
+                    await self._wait_for(planned.lift, when)
             except TimeoutError:
                 return
             await asyncio.sleep(step.wait_s or 0.0)
-        self._begun.append(planned)
-        await self._do(planned)
+        self._started.append(planned)
+        await self._carry_out(planned)
 
     def problems(self, steps: Iterable[PlannedStep]) -> list[str]:
-        """Say which steps were never done, for what they waited for did not come about."""
+        """Return the steps that were not carried out because their condition did not occur."""
         return [
             f"line {one.line}: {one.does} was not done: {one.parts.when} did not come about"
             + (f" within {one.step.within_s:g} s" if one.step.within_s is not None else " in time")
             for one in steps
-            if one not in self._begun
+            if one not in self._started
         ]
 
-    # -- waiting for something to happen
+    # -- waiting
 
-    async def _until(self, lift: str, match: Match) -> None:
+    async def _wait_for(self, lift: str, match: Match) -> None:
         if match.lasts and any(match.fits(entry) for entry in self._recorder.holding(lift, match.kind)):
             return
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        waits = (lift, match, future)
-        self._awaited.append(waits)
+        entry_wait = (lift, match, future)
+        self._waits.append(entry_wait)
         try:
             await future
         finally:
-            self._awaited.remove(waits)
+            self._waits.remove(entry_wait)
 
-    def _happened(self, entry: Entry) -> None:
-        for lift, match, future in self._awaited:
+    def _on_entry(self, entry: Entry) -> None:
+        for lift, match, future in self._waits:
             if entry.lift == lift and match.fits(entry) and not future.done():
                 future.set_result(None)
 
-    # -- what is done
+    # -- steps
 
-    async def _do(self, planned: PlannedStep) -> None:
+    async def _carry_out(self, planned: PlannedStep) -> None:
         step, parts, world = planned.step, planned.parts, self._world
         if step.request is not None:
             await self._request(planned)
         elif step.robot is not None:
-            await _Ride(world, self._recorder, planned.lift, step.robot).go()
+            await _SimulatedRobot(world, self._recorder, planned.lift, step.robot).go()
         elif parts.fault is not None:
             world.begin(planned.lift, parts.fault)
             if step.for_s is not None:
                 await asyncio.sleep(step.for_s)
                 world.end(planned.lift, parts.fault)
         elif parts.wire is not None:
-            await self._spoil(planned)
+            await self._apply_wire_fault(planned)
         elif parts.people is not None:
             seed, traffic = parts.people
             floors = len(world.lifts[planned.lift].floors)
@@ -102,13 +102,13 @@ class Stage:
         elif step.inputs is not None:
             await self._press(planned, step.inputs)
         else:
-            self._say(planned)
+            self._send_operator_action(planned)
 
     async def _request(self, planned: PlannedStep) -> None:
-        step, given = planned.step, planned.step.request
-        assert given is not None  # noqa: S101  the step is a request
-        opens = given.door is WantedDoor.OPEN
-        request = FloorRequest(planned.lift, holder_of(given.holder), given.floor, opens, given.robot)
+        step, requested = planned.step, planned.step.request
+        assert requested is not None  # noqa: S101  the step is a request
+        opens = requested.door is RequestedDoor.OPEN
+        request = FloorRequest(planned.lift, holder_of(requested.holder), requested.floor, opens, requested.robot)
         if step.every_s is None:
             self._world.request(request)
             return
@@ -122,7 +122,7 @@ class Stage:
         async with asyncio.TaskGroup() as tasks:
             repeating = tasks.create_task(self._repeat_until_cancelled(request, every_s))
             if until is not None:
-                await self._until(request.lift, until)
+                await self._wait_for(request.lift, until)
                 repeating.cancel()
 
     async def _repeat_until_cancelled(self, request: FloorRequest, every_s: float) -> None:
@@ -130,17 +130,17 @@ class Stage:
             self._world.request(request)
             await asyncio.sleep(every_s)
 
-    async def _spoil(self, planned: PlannedStep) -> None:
+    async def _apply_wire_fault(self, planned: PlannedStep) -> None:
         wire = planned.parts.wire
         assert wire is not None  # noqa: S101  the step is about the wire
-        own = self._world.lifts[planned.lift].controllers
-        where = own if wire.controller is None else (wire.controller,)
+        own_controllers = self._world.lifts[planned.lift].controllers
+        where = own_controllers if wire.controller is None else (wire.controller,)
         for controller in where:
-            self._world.spoil(controller, wire.fault)
+            self._world.begin_wire_fault(controller, wire.fault)
         if planned.step.for_s is not None:
             await asyncio.sleep(planned.step.for_s)
             for controller in where:
-                self._world.mend(controller, wire.fault)
+                self._world.end_wire_fault(controller, wire.fault)
 
     async def _press(self, planned: PlannedStep, pressed: Pressed) -> None:
         lift = self._world.lifts[planned.lift]
@@ -148,24 +148,24 @@ class Stage:
         def indices(floors: tuple[str, ...]) -> frozenset[int]:
             return frozenset(map(lift.floors.index, floors))
 
-        given = Inputs(
+        requested = Inputs(
             car_buttons=indices(pressed.car_buttons),
             landing_buttons=indices(pressed.landing_buttons),
             hold_door=frozenset(pressed.hold_door),
             close_door=frozenset(pressed.close_door),
             obstruction=frozenset(pressed.obstruction),
         )
-        self._put(planned.lift, [*self._pressed[planned.lift], given])
+        self._set_inputs(planned.lift, [*self._pressed[planned.lift], requested])
         if planned.step.for_s is not None:
             await asyncio.sleep(planned.step.for_s)
-            left = list(self._pressed[planned.lift])
-            left.remove(given)
-            self._put(planned.lift, left)
+            report = list(self._pressed[planned.lift])
+            report.remove(requested)
+            self._set_inputs(planned.lift, report)
 
-    def _put(self, lift: str, pressed: list[Inputs]) -> None:
-        """Replace what the steps press and block; what the people of the lift do stays."""
+    def _set_inputs(self, lift: str, pressed: list[Inputs]) -> None:
+        """Replace the inputs of the steps; those of simulated people stay."""
         inputs = self._world.lifts[lift].inputs
-        before, after = _together(self._pressed[lift]), _together(pressed)
+        before, after = _combined(self._pressed[lift]), _combined(pressed)
         self._pressed[lift] = pressed
         changed = replace(
             inputs,
@@ -177,7 +177,7 @@ class Stage:
         )
         self._world.set_inputs(lift, changed)
 
-    def _say(self, planned: PlannedStep) -> None:
+    def _send_operator_action(self, planned: PlannedStep) -> None:
         site, step, lift = self._world.site, planned.step, planned.lift
         if (one := step.acknowledge) is not None:
             by = one.by
@@ -205,7 +205,7 @@ class Stage:
         self._recorder.note(now, lift, "person", {"says": says, "by": by, **reply_fields(refused)})
 
 
-def _together(pressed: Iterable[Inputs]) -> Inputs:
+def _combined(pressed: Iterable[Inputs]) -> Inputs:
     every = list(pressed)
     return Inputs(
         car_buttons=frozenset().union(*(one.car_buttons for one in every)),
@@ -216,8 +216,8 @@ def _together(pressed: Iterable[Inputs]) -> Inputs:
     )
 
 
-class _Ride:
-    """A robot that calls, waits, enters, rides, waits and leaves; it believes nothing but the state."""
+class _SimulatedRobot:
+    """A robot that calls, waits, enters, rides, waits and leaves; it relies only on the published state."""
 
     def __init__(self, world: World, recorder: Recorder, lift: str, robot: Robot) -> None:
         self._world = world
@@ -228,30 +228,30 @@ class _Ride:
 
     async def go(self) -> None:
         robot = self._robot
-        word = RobotWord.IN_PLACE if robot.in_words else None
+        report_word = RobotWord.IN_PLACE if robot.in_words else None
         try:
             async with asyncio.timeout(robot.gives_up_after_s):
-                self._does(RobotProgress.CALLS, robot.from_)
+                self._record_progress(RobotProgress.CALLS, robot.from_)
                 await self._until_open(robot.from_, None)
-                self._does(RobotProgress.ENTERS, robot.from_)
+                self._record_progress(RobotProgress.ENTERS, robot.from_)
                 await self._walk(robot.from_)
-                self._does(RobotProgress.RIDES, robot.to)
-                await self._until_open(robot.to, word)
-                self._does(RobotProgress.LEAVES, robot.to)
+                self._record_progress(RobotProgress.RIDES, robot.to)
+                await self._until_open(robot.to, report_word)
+                self._record_progress(RobotProgress.LEAVES, robot.to)
                 await self._walk(robot.to)
-                self._does(RobotProgress.DONE, robot.to)
+                self._record_progress(RobotProgress.DONE, robot.to)
         except TimeoutError:
-            self._does(RobotProgress.GIVES_UP, robot.to)
-            word = None
+            self._record_progress(RobotProgress.GIVES_UP, robot.to)
+            report_word = None
         if robot.releases:
-            left = RobotWord.LEFT if word is not None else None
-            self._world.request(FloorRequest(self._lift, self._holder, robot.to, hold_door=False, robot=left))
+            report = RobotWord.LEFT if report_word is not None else None
+            self._world.request(FloorRequest(self._lift, self._holder, robot.to, hold_door=False, robot=report))
 
-    async def _until_open(self, floor: str, word: RobotWord | None) -> None:
+    async def _until_open(self, floor: str, report_word: RobotWord | None) -> None:
         while True:
-            self._world.request(FloorRequest(self._lift, self._holder, floor, hold_door=True, robot=word))
-            for _ in range(round(ASKS_EVERY_S / LOOKS_EVERY_S)):
-                await asyncio.sleep(LOOKS_EVERY_S)
+            self._world.request(FloorRequest(self._lift, self._holder, floor, hold_door=True, robot=report_word))
+            for _ in range(round(REQUEST_EVERY_S / CHECK_STATE_EVERY_S)):
+                await asyncio.sleep(CHECK_STATE_EVERY_S)
                 if self._invited(self._holder, floor):
                     return
 
@@ -260,12 +260,12 @@ class _Ride:
         return (state.holder, state.floor, state.robot_door) == (holder, floor, RobotDoor.OPEN)
 
     async def _walk(self, floor: str) -> None:
-        left_s = self._robot.boards_s
-        while left_s > 0:
+        remaining_s = self._robot.boards_s
+        while remaining_s > 0:
             self._world.request(FloorRequest(self._lift, self._holder, floor, hold_door=True))
-            await asyncio.sleep(min(ASKS_EVERY_S, left_s))
-            left_s -= ASKS_EVERY_S
+            await asyncio.sleep(min(REQUEST_EVERY_S, remaining_s))
+            remaining_s -= REQUEST_EVERY_S
 
-    def _does(self, what: RobotProgress, floor: str) -> None:
+    def _record_progress(self, what: RobotProgress, floor: str) -> None:
         now = asyncio.get_running_loop().time()
         self._recorder.note(now, self._lift, "robot", {"holder": self._holder, "does": what, "floor": floor})

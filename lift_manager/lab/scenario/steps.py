@@ -93,7 +93,7 @@ def one_of(given: Iterable[str], allowed: tuple[str, ...], path: KeyPath, mistak
     return None
 
 
-def said_keys(step: Step) -> list[str]:
+def keys_of(step: Step) -> list[str]:
     """Return the keys that a step gives."""
     return [key for key in step.model_fields_set if getattr(step, key) is not None]
 
@@ -102,7 +102,7 @@ def _planned(
     index: int, step: Step, scenario: Scenario, lifts: Mapping[str, TracedLift], mistakes: Mistakes
 ) -> PlannedStep | None:
     path: KeyPath = ("do", index)
-    given = said_keys(step)
+    given = keys_of(step)
     lift = lift_of(step.lift, lifts, path, mistakes)
     known = lifts.get(lift)
     check_company(given, GOES_WITH_IN_STEP, path, mistakes)

@@ -97,7 +97,7 @@ class Recorder:
 
     # -- what a world tells
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         """Note the truth where it has changed, and what is no longer asked for."""
         before, given = self._given[lift], dict(truth.given)
         self._given[lift] = given
@@ -106,26 +106,26 @@ class Recorder:
             if name not in given:
                 self.note(at, lift, "release", self._command(lift, name, value))
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """Note each command that a write newly asks for."""
         for name in sorted(commands):
             self.note(at, lift, "press", self._command(lift, name, self._given[lift].get(name, 0)))
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         """Note a state that differs from the one before in more than its age."""
         self._changed(at, lift, "state", _state_fields(state))
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Leave the bytes out: what they did is in the other entries."""
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         """Note what the manager sends out."""
         found = _event_fields(event)
         if found is not None:
             kind, fields = found
             self.note(at, event.lift, kind, fields)
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Note a request with its reply."""
         fields = {
             "holder": request.holder,
@@ -136,7 +136,7 @@ class Recorder:
         }
         self.note(at, request.lift, "request", fields)
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Note a fault; one on a wire is one of every lift behind it."""
         fields = {"fault": fault_name(struck.fault), "began": struck.began}
         if struck.where in self._lifts:

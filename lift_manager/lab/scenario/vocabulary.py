@@ -56,7 +56,7 @@ class Kind:
 
 
 @unique
-class WantedDoor(StrEnum):
+class RequestedDoor(StrEnum):
     """What a request wants of the door."""
 
     OPEN = "open"
@@ -194,7 +194,7 @@ KINDS: Mapping[str, Kind] = {
         fields={
             "holder": _text("who asks"),
             "floor": _floor("wanted"),
-            "door": _words(WantedDoor, "`open` holds it, `closed` releases the lift"),
+            "door": _words(RequestedDoor, "`open` holds it, `closed` releases the lift"),
             "robot": _words(RobotWord, "what the robot says about itself"),
             "accepted": _ACCEPTED,
             "code": _CODE,

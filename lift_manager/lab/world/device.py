@@ -14,7 +14,7 @@ from simulator.registers import Endpoint, ExceptionReply, NoReply, RegisterFace
 
 ANSWER_S = 0.004
 """How long a device takes to answer. Chosen: a quick PLC."""
-TARGET_SILENT = 0x0B
+GATEWAY_TARGET_FAILED = 0x0B
 
 Device = RegisterFace | Endpoint
 Reply = tuple[float, bytes | None]
@@ -59,7 +59,7 @@ class MemoryController:
             return [(ANSWER_S, frames.exception_answer(frame, refusal.code))]
         device = self._devices.get(request.unit)
         if device is None:
-            return [(ANSWER_S, frames.exception_answer(frame, TARGET_SILENT))]
+            return [(ANSWER_S, frames.exception_answer(frame, GATEWAY_TARGET_FAILED))]
         if request.is_write:
             self._look(False)
         try:

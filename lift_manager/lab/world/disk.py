@@ -109,7 +109,7 @@ class SimulatedDisk:
         return least_s * (most_s / least_s) ** (chance.random() ** 2), chance.random()
 
 
-class _OneManagersStore:
+class _ManagerStore:
     """Implements Store on a simulated disk, until its manager is killed."""
 
     def __init__(self, disk: SimulatedDisk) -> None:
@@ -207,7 +207,7 @@ class DiskRecorder:
     def __init__(self, disk: SimulatedDisk) -> None:
         self._disk = disk
         self._killed = False
-        self._store = _OneManagersStore(disk)
+        self._store = _ManagerStore(disk)
         self._jobs = DiskJobs(disk)
         jobs = None if disk.instant else lambda: self._jobs
         self._committer = Committer(self._store, _WHERE, self._store.load(), jobs=jobs)

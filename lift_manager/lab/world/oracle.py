@@ -1,7 +1,7 @@
-"""The judge: compares what the manager says and does with what the simulated lifts really do.
+"""The judge: compares what the manager publishes and does with what the simulated lifts really do.
 
-It reads the simulator's own physics and the exchanges on the wire, and nothing that the manager believes, except the age
-that it gives its own words: those may not be newer than the data that reached it.
+It reads the physics of the simulator and the exchanges on the wire. Of the manager it uses only the age of published states, which
+must not be newer than the data that reached it.
 """
 
 from __future__ import annotations
@@ -13,10 +13,16 @@ from dataclasses import dataclass, field
 
 from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
 from lift_manager.lab.world.fault_names import fault_name
-from lift_manager.lab.world.judged import FORBIDDEN, Finding, Judged, Read, SuspectValues
-from lift_manager.lab.world.shown import Untrue, untrue
-from lift_manager.lab.world.truth import History, Truth, in_words, sets_out
-from lift_manager.lab.world.wanted import is_requested
+from lift_manager.lab.world.lift_under_test import (
+    MODES_WITHOUT_ROBOTS,
+    Finding,
+    LiftUnderTest,
+    PolledBlock,
+    SuspectValues,
+)
+from lift_manager.lab.world.published_state import FalseClaim, false_claims
+from lift_manager.lab.world.requested_outputs import is_output_requested
+from lift_manager.lab.world.truth import History, Truth, starts_towards, truth_text
 from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
 from lift_manager.lift.events import CommandEnded, HandedOver
 from lift_manager.lift.observation import RobotDoor
@@ -33,51 +39,53 @@ from simulator.wire_faults import Exchange
 
 ROUNDING_S = 1e-6
 ANSWER_TAKES_S = 0.02
-"""Between the moment at which a device looks at itself and the arrival of its answer, on a quick wire."""
-KEPT_S = 30.0
-"""How long the past is remembered; longer than any outcome takes to come, and than any window below."""
-ANSWERS_KEPT = 256
-"""Right answers that are remembered: more than are asked for within the age of any reading, and those still on their way."""
+"""From the moment at which a device samples its state to the arrival of its reply, on a fast wire."""
+HISTORY_S = 30.0
+"""How much history is kept: longer than any outcome takes, and than any limit below."""
+MAX_KEPT_ANSWERS = 256
+"""Correct replies that are kept: more than arrive within the age of any reading, and those still on their way."""
 REGISTERS_WITHIN_S = 0.5
-"""A controller registers a call with its next scan, and a car that sets out may have been seen before that."""
+"""A controller registers a call with its next scan, and a starting car may be observed before that."""
 RELEASES_WITHIN_S = 3.0
-"""How long an output may stay on that nobody wants, while the wire works: a release leaves at once, behind one answer at the most, and is
-looked at. Chosen: three polls of the slowest map."""
+"""How long an output without a request may stay on while the wire works: a release is sent at once, after at most one reply, and
+verified. Chosen: three polls of the slowest map."""
 MODE_ENDS_WITHIN_S = 6.0
 """The same for robot mode, which outlasts the trip and falls once the car is known to stand."""
 RETRIES_WITHIN_S = 2.0
-"""A release that failed is tried again within so long: each failed write gives that much more time."""
+"""A failed release is repeated within this time, so each failed write extends the limit by it."""
 RELEASE_EXCHANGES = 8
-"""Answers for which a release waits at the most: a poll that has begun, a read before the write, the write, and the look at it."""
+"""Replies that a release may have to wait for: a running poll, a read before the write, the write, and the read-back."""
 SLOW_FOR_S = 10.0
-"""How long a slow answer gives more time."""
+"""How long a slow reply extends the limits."""
 MODE_KNOWN_WITHIN_S = 1.0
 """How soon a mode without robots is known on a wire that works: two polls, the second for a map read in several blocks."""
 SILENT_S = 1.0
-"""A wire on which nothing was asked for so long does not work: a lift is polled five times as often."""
+"""A wire without a request for this long does not work: a lift is polled five times as often."""
 FOREIGN_CLEARED_S = 70.0
-"""What somebody else has pressed is released at most once a minute (`drivers.modbus.foreign_writes`), and the release takes its time."""
-LINGERS_S = {"reboot": 60.0, "lost_press": 30.0, "ignored_writes": 30.0, "ignored_writes.stored": 30.0}
-"""How long some faults go on to be felt: a lift looks for its lowest floor after a restart, and a press that was lost stays so for as
+"""A foreign press is released at most once a minute (`drivers.modbus.foreign_writes`), plus the time of the release."""
+AFTER_EFFECT_S = {"reboot": 60.0, "lost_press": 30.0, "ignored_writes": 30.0, "ignored_writes.stored": 30.0}
+"""How long the effects of some faults last: a lift looks for its lowest floor after a restart, and a press that was lost stays so for as
 long as it lasts, which is a ride where a robot's word is kept on."""
 SETTLES_S = 2.0
-"""How long what a fault has spoiled may show after its end: two readings, and the age of the last wrong one."""
+"""How long wrong data may show after the end of a fault: two readings, and the age of the last wrong one."""
 
 _CALLS = frozenset({CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO})
-DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
-"""Faults under which nobody can release an output, as nobody can on a wire that fails."""
-STANDS_STILL = frozenset({"frozen_registers", "stopped"})
-"""Faults under which what is read is what was so when they began, and nothing else."""
+WRITE_FAULTS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
+"""Faults under which no output can be released, as on a failing wire."""
+FROZEN_FAULTS = frozenset({"frozen_registers", "stopped"})
+"""Faults under which registers keep the values from their beginning."""
 
-MISREAD = frozenset({"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped", "homing", "reboot"})
-"""Faults under which a car may look like one that goes, or has come, although it does not."""
-FOREIGN = frozenset({"foreign_writer"})
+MISLEADING_FAULTS = frozenset(
+    {"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped", "homing", "reboot"}
+)
+"""Faults under which a car may seem to move or to have arrived, although it does not."""
+FOREIGN_WRITE_FAULTS = frozenset({"foreign_writer"})
 FOR_OTHERS = "a car that set out for somebody else"
-"""Where nothing but the car itself tells of a call, one that sets out the right way after a press is all that anybody can see."""
+"""If only the motion of the car confirms a call, a car that starts in the right direction after a press is the only evidence."""
 
 
-_Claim = tuple[float, float, Outcome]
-"""When a command was said to be confirmed, when it was pressed, and what was said."""
+_Confirmation = tuple[float, float, Outcome]
+"""When a command was reported as confirmed, when it was pressed, and its outcome."""
 
 
 @dataclass(slots=True)
@@ -89,63 +97,63 @@ class _Fault:
     since: float
     until: float
     command: str = ""
-    """The only one that it touches; empty: any."""
+    """The only command that it affects; empty for any."""
     ended_at: float = math.inf
 
     def touches(self, command: str) -> bool:
-        """Whether this command may be wrong because of it. A call of somebody else moves the car for every call."""
+        """Whether the fault affects this command. A foreign call moves the car for every call."""
         return self.command in ("", command) or (_is_call(self.command) and _is_call(command))
 
 
 @dataclass(slots=True)
-class _Line:
+class _WireHealth:
     """The wire to one controller."""
 
     fails: bool = False
-    """The last exchange failed: nothing that was asked since was answered rightly and in time."""
+    """Whether the last exchange failed: no correct reply has arrived in time since."""
     failed_writes: int = 0
     slow_s: float = 0.0
-    """The slowest right answer of late."""
+    """The slowest recent correct reply."""
     slow_at: float = -math.inf
 
 
 @dataclass(slots=True)
-class _Unwanted:
-    """An output that is on, and that nobody wants."""
+class _UnrequestedOutput:
+    """An output that is on without a request."""
 
     since: float
     lost_s: float
-    """Of the time when nobody could release anything, what was over then."""
+    """How much of the time without any possible release had passed by then."""
     failed_writes: int
 
 
 @dataclass(slots=True)
-class _Watched:
-    """One lift, as the judge remembers it."""
+class _WatchedLift:
+    """The history of one lift for the judge."""
 
-    about: Judged
+    about: LiftUnderTest
     history: History = field(default_factory=History)
     mode_since: float = -math.inf
     bars_since: float = math.inf
     on_since: dict[tuple[str, int], float] = field(default_factory=dict)
     """Commands that are present at the controller, with the floor of a call, and since when."""
-    unwanted: dict[tuple[str, int], _Unwanted] = field(default_factory=dict)
+    unrequested: dict[tuple[str, int], _UnrequestedOutput] = field(default_factory=dict)
     faults: list[_Fault] = field(default_factory=list)
-    """Those that are present, or were of late."""
-    newest: dict[Read, deque[tuple[float, float]]] = field(default_factory=dict)
-    """Right answers to each block of the poll: when they arrive, and when they were asked for."""
+    """Current and recent faults."""
+    newest: dict[PolledBlock, deque[tuple[float, float]]] = field(default_factory=dict)
+    """Correct replies for each block of the poll: when they arrive, and when they were requested."""
     pressed_at: dict[str, float] = field(default_factory=dict)
     under_way_at: float = -math.inf
-    """When the car was last seen to move with robot mode on and unwanted."""
+    """When the car last moved with robot mode on without a request."""
     stuck: dict[str, float] = field(default_factory=dict)
-    """What may have been left on by a fault that nobody can see, and until when that is an excuse."""
+    """Outputs that an undetectable fault may have left on, and until when that is an excuse."""
     foreign: dict[str, float] = field(default_factory=dict)
-    """What somebody else presses, and until when that is an excuse."""
-    claims: deque[_Claim] = field(default_factory=deque)
+    """Foreign presses, and until when each is an excuse."""
+    claims: deque[_Confirmation] = field(default_factory=deque)
     requests: dict[Holder, tuple[FloorRequest, FloorRequest]] = field(default_factory=dict)
     """The last request of each holder that was accepted, and the last one before it for another floor."""
     in_place_at: dict[Holder, float] = field(default_factory=dict)
-    """When a robot of each holder last said that it is inside, in words or by requesting another floor."""
+    """When a robot of each holder last reported to be inside, explicitly or by requesting another floor."""
     floor: FloorName | None = None
     """Of the last request that was accepted, and since when it is that one."""
     floor_since: float = -math.inf
@@ -156,34 +164,34 @@ class _Watched:
     last_exchange: float = -math.inf
     looked_at: float = -math.inf
     lost_s: float = 0.0
-    """Time in which nobody could release anything: the wire failed, or the device did not obey."""
+    """Time during which no release was possible: the wire failed, or the device did not obey."""
     state: LiftState | None = None
 
 
 class Oracle:
-    """Judges every lift of a world; `findings` is what must never happen and did."""
+    """Judges every lift of a world; `findings` lists the violations."""
 
-    def __init__(self, lifts: Mapping[str, Judged]) -> None:
+    def __init__(self, lifts: Mapping[str, LiftUnderTest]) -> None:
         self.findings: list[Finding] = []
         self.excused: dict[tuple[str, str, str], int] = {}
-        """How often something was let pass, by lift, rule and fault: no excuse is silent."""
+        """How often a finding was excused, by lift, rule and fault."""
         self.judged = 0
         """How many published states were compared."""
         self.invitations = 0
-        """How many of them said open."""
+        """How many of them had an open door."""
         self.judges = lifts
-        """What is known of each lift."""
-        self._lifts = {name: _Watched(about) for name, about in lifts.items()}
-        self._lines = {controller: _Line() for about in lifts.values() for controller in about.controllers}
+        """The facts about each lift."""
+        self._lifts = {name: _WatchedLift(about) for name, about in lifts.items()}
+        self._lines = {controller: _WireHealth() for about in lifts.values() for controller in about.controllers}
 
-    # -- what is told
+    # -- Witness
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
-        """Take the truth, and see to outputs that stay on."""
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
+        """Record the physical state, and check outputs that stay on."""
         watched = self._lifts[lift]
         if truth is not watched.history.last:
             self._changed(at, watched, truth)
-        disobeyed = any(fault.name in DISOBEYS and math.isinf(fault.ended_at) for fault in watched.faults)
+        disobeyed = any(fault.name in WRITE_FAULTS and math.isinf(fault.ended_at) for fault in watched.faults)
         cut_off = self._is_cut_off(watched, at)
         if disobeyed or cut_off:
             watched.clean_since = at
@@ -191,12 +199,12 @@ class Oracle:
             watched.lost_s += max(0.0, at - watched.looked_at)
         watched.looked_at = at
         if watched.on_since:
-            self._outputs(at, lift, watched, truth)
+            self._check_outputs(at, lift, watched, truth)
         while watched.claims and at - watched.claims[0][0] > REGISTERS_WITHIN_S:
-            self._claimed(lift, watched, at, watched.claims.popleft())
+            self._check_confirmation(lift, watched, at, watched.claims.popleft())
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
-        """Compare what is said with what is so."""
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
+        """Compare a published state with the physical state."""
         watched = self._lifts[lift]
         watched.state = state
         self.judged += 1
@@ -204,44 +212,47 @@ class Oracle:
             return
         if state.age_s is None or not self._is_fresh(watched, at):
             text = f"the state looks current, and no answer of the last {watched.about.max_age_s:g} s bears it out"
-            self.find(at, lift, "stale", text)
+            self.report(at, lift, "stale", text)
         shown = state_data(state)
         floors = {state.floor} if state.robot_door is RobotDoor.OPEN else set()
         floors |= {str(shown["current_floor"])} if shown["door_state"] == DOOR_OPEN else set()
         self.invitations += len(floors)
         truth = watched.history.last
-        if floors and truth is not None and truth.mode in FORBIDDEN - watched.about.shows.modes:
-            self.let_pass(lift, "said open in a forbidden mode", untold(truth.mode))
-        self._compare(at, lift, watched, state, floors)
+        if floors and truth is not None and truth.mode in MODES_WITHOUT_ROBOTS - watched.about.shows.modes:
+            self.excuse_finding(lift, "said open in a forbidden mode", unreported_mode(truth.mode))
+        self._check_state(at, lift, watched, state, floors)
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
-        """See whether anything may be pressed now."""
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """Check that the mode allows a press now."""
         watched = self._lifts[lift]
         watched.pressed_at |= dict.fromkeys(commands, at)
         truth = watched.history.last
         if truth is None:
             return
         names = ", ".join(sorted(commands))
-        if truth.mode in FORBIDDEN and (for_s := self._known_for(watched, watched.mode_since, at)) is not None:
+        if (
+            truth.mode in MODES_WITHOUT_ROBOTS
+            and (for_s := self._known_for(watched, watched.mode_since, at)) is not None
+        ):
             text = f"{names}, {for_s:.2f} s after the mode became {truth.mode}"
             if truth.mode not in watched.about.shows.modes:
-                self.let_pass(lift, "pressed in a forbidden mode", untold(truth.mode))
-            elif not self._stood_still(watched, lift, "pressed in a forbidden mode", watched.mode_since, at):
-                self.find(at, lift, "pressed in a forbidden mode", text, SuspectValues.MODE)
+                self.excuse_finding(lift, "pressed in a forbidden mode", unreported_mode(truth.mode))
+            elif not self._was_frozen(watched, lift, "pressed in a forbidden mode", watched.mode_since, at):
+                self.report(at, lift, "pressed in a forbidden mode", text, SuspectValues.MODE)
         barred = truth.bars & watched.about.shows.bars
         if barred and (for_s := self._known_for(watched, watched.bars_since, at)) is not None:
             text = f"{names}, {for_s:.2f} s after {', '.join(sorted(barred))} told that robots are kept off"
-            if not self._stood_still(watched, lift, "pressed while kept off", watched.bars_since, at):
-                self.find(at, lift, "pressed while kept off", text)
+            if not self._was_frozen(watched, lift, "pressed while kept off", watched.bars_since, at):
+                self.report(at, lift, "pressed while kept off", text)
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
-        """Keep book of what reached the manager."""
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
+        """Record which data reached the manager."""
         came = b"".join(data for _, data in exchange.answers)
         usable = exchange.right is not None and came.startswith(exchange.right)
         arrives = exchange.answers[0][0] if exchange.answers else math.inf
         request = parse_request(exchange.request, timed_coils=True)
         read = (controller, request.unit, request.table, request.address, request.count)
-        self._weather(
+        self._track_wire(
             self._lines[controller],
             controller,
             at,
@@ -257,11 +268,11 @@ class Oracle:
                 watched.clean_since = max(at, arrives if arrives < math.inf else at)
             watched.last_exchange = exchange.sent_at
             if usable and not request.is_write and read in watched.about.blocks:
-                kept = watched.newest.setdefault(read, deque(maxlen=ANSWERS_KEPT))
+                kept = watched.newest.setdefault(read, deque(maxlen=MAX_KEPT_ANSWERS))
                 kept.append((arrives, exchange.sent_at))
 
-    def heard(self, at: float, event: Event) -> None:
-        """See whether what is said to be confirmed has happened, and by what; know whose requests a session goes on with."""
+    def on_event(self, at: float, event: Event) -> None:
+        """Check the evidence of confirmed commands; follow sessions that are handed over."""
         if isinstance(event, HandedOver):
             requests = self._lifts[event.lift].requests
             if event.holder in requests:
@@ -271,12 +282,12 @@ class Oracle:
             proofs = watched.about.shows.proofs.get(outcome.command.kind)
             if proofs is not None and outcome.proof not in proofs:
                 text = f"{outcome.command} is said to be confirmed by {outcome.proof}; on this map only by {', '.join(sorted(proofs))}"
-                self.find(at, event.lift, "confirmed by what proves nothing", text)
-            pressed_at = watched.pressed_at.get(outcome.command.name, at - KEPT_S)
+                self.report(at, event.lift, "confirmed by what proves nothing", text)
+            pressed_at = watched.pressed_at.get(outcome.command.name, at - HISTORY_S)
             watched.claims.append((at, pressed_at, outcome))
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
-        """Know what each holder wants, and since when: no press for that floor is older."""
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        """Record the request of each holder, and since when: no press for that floor may be older."""
         if refused is not None:
             return
         watched, holder = self._lifts[request.lift], request.holder
@@ -288,11 +299,11 @@ class Oracle:
             watched.in_place_at[holder] = at
         watched.requests[holder] = request, before if last.floor == request.floor else last
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Know what cannot be detected, and how soon the rest must be."""
         for lift, watched in self._lifts.items():
             if struck.fault == RESTART:
-                watched.unwanted.clear()  # nobody was there who could release anything
+                watched.unrequested.clear()  # nobody was there who could release anything
             if struck.where not in (lift, *watched.about.controllers):
                 continue
             watched.clean_since = at
@@ -311,11 +322,11 @@ class Oracle:
         requests = self._lifts[lift].requests.get(holder)
         return None if requests is None else requests[0]
 
-    def is_foreign(self, lift: str, command: str, at: float) -> bool:
+    def is_foreign_write(self, lift: str, command: str, at: float) -> bool:
         """Whether somebody else writes this command, or did of late."""
         return at <= self._lifts[lift].foreign.get(command, -math.inf)
 
-    def was_blinded(self, lift: str, since: float, names: frozenset[str], command: str = "") -> str | None:
+    def was_misled(self, lift: str, since: float, names: frozenset[str], command: str = "") -> str | None:
         """Return which of these faults was present at some time after `since`, and touches the command."""
         for fault in self._lifts[lift].faults:
             if fault.name in names and fault.ended_at >= since and fault.touches(command):
@@ -324,13 +335,13 @@ class Oracle:
 
     # -- how it is judged
 
-    def _changed(self, at: float, watched: _Watched, truth: Truth) -> None:
+    def _changed(self, at: float, watched: _WatchedLift, truth: Truth) -> None:
         """Take a truth that may be another one than the last."""
         before = watched.history.last
         watched.history.add(at, truth)
         # under a fault of these kinds the state may still show what was so when it began
-        still = (fault.since for fault in watched.faults if fault.name in STANDS_STILL)
-        watched.history.forget(min([at - KEPT_S, *still]))
+        still = (fault.since for fault in watched.faults if fault.name in FROZEN_FAULTS)
+        watched.history.forget(min([at - HISTORY_S, *still]))
         if before is None or before.mode is not truth.mode:
             watched.mode_since = at
         barred = truth.bars & watched.about.shows.bars
@@ -345,10 +356,10 @@ class Oracle:
             watched.on_since[output] = at
         for output in watched.on_since.keys() - given:
             del watched.on_since[output]
-            watched.unwanted.pop(output, None)
+            watched.unrequested.pop(output, None)
             watched.stuck.pop(output[0], None)
 
-    def _is_faulty(self, watched: _Watched, struck: FaultChange, at: float) -> None:
+    def _is_faulty(self, watched: _WatchedLift, struck: FaultChange, at: float) -> None:
         name = fault_name(struck.fault)
         excuse = watched.about.excuses.get(name)
         command = struck.fault.command if isinstance(struck.fault, ForeignWriter) else ""
@@ -358,7 +369,7 @@ class Oracle:
             return
         # one that goes on is known for as long as it does, even when it excuses nothing more
         watched.faults = [
-            one for one in watched.faults if math.isinf(one.ended_at) or at - max(one.until, one.ended_at) <= KEPT_S
+            one for one in watched.faults if math.isinf(one.ended_at) or at - max(one.until, one.ended_at) <= HISTORY_S
         ]
         if struck.began:
             until = math.inf if excuse.within_s is None else at + excuse.within_s
@@ -370,11 +381,19 @@ class Oracle:
                 if math.isinf(fault.until) and SuspectValues.OUTPUT in fault.kinds and not command:
                     # what was not released meanwhile stays on until somebody looks
                     watched.stuck |= dict.fromkeys((on for on, _ in watched.on_since), at + FOREIGN_CLEARED_S)
-                fault.until = min(fault.until, at + LINGERS_S.get(name, SETTLES_S))
+                fault.until = min(fault.until, at + AFTER_EFFECT_S.get(name, SETTLES_S))
                 return
 
-    def _weather(
-        self, line: _Line, controller: str, at: float, took_s: float, exchange: Exchange, *, usable: bool, writes: bool
+    def _track_wire(
+        self,
+        line: _WireHealth,
+        controller: str,
+        at: float,
+        took_s: float,
+        exchange: Exchange,
+        *,
+        usable: bool,
+        writes: bool,
     ) -> None:
         timeout_s = min(about.timeout_s.get(controller, math.inf) for about in self.judges.values())
         line.fails = not usable or took_s > timeout_s
@@ -384,45 +403,47 @@ class Oracle:
             line.slow_s, line.slow_at = took_s, at
 
     @staticmethod
-    def _is_cut_off(watched: _Watched, at: float) -> bool:
+    def _is_cut_off(watched: _WatchedLift, at: float) -> bool:
         """Whether nothing was asked for so long because nobody could ask; a manager that merely keeps silent has no excuse."""
         troubled = watched.troubles > 0 or at < watched.troubled_until
         return troubled and at - watched.last_exchange > max(SILENT_S, 3 * watched.about.poll_s)
 
-    def _compare(self, at: float, lift: str, watched: _Watched, state: LiftState, floors: set[str | None]) -> None:
+    def _check_state(
+        self, at: float, lift: str, watched: _WatchedLift, state: LiftState, floors: set[str | None]
+    ) -> None:
         """Compare a live state with what was so since its data was asked for; then with what registers that stand still may show."""
         since = at - (state.age_s or 0.0) - ROUNDING_S
         truths = list(watched.history.during(since, at))
-        found = list(_untrue(state, watched.about, truths, floors)) if truths else []
+        found = list(_false_claims(state, watched.about, truths, floors)) if truths else []
         if not found:
             return
         for fault in watched.faults:
-            if fault.name in STANDS_STILL and since <= fault.ended_at and at <= fault.until:
+            if fault.name in FROZEN_FAULTS and since <= fault.ended_at and at <= fault.until:
                 wider = list(watched.history.during(min(since, fault.since), at))
-                still = {rule for rule, _, _ in _untrue(state, watched.about, wider, floors)}
+                still = {rule for rule, _, _ in _false_claims(state, watched.about, wider, floors)}
                 for rule, _, _ in found:
                     if rule not in still:
-                        self.let_pass(lift, rule, fault.name)
+                        self.excuse_finding(lift, rule, fault.name)
                 found = [one for one in found if one[0] in still]
         for rule, text, wrong in found:
-            self.find(at, lift, rule, f"{text}; {state.age_s:.2f} s old", wrong)
+            self.report(at, lift, rule, f"{text}; {state.age_s:.2f} s old", wrong)
 
     @staticmethod
-    def _known_for(watched: _Watched, since: float, at: float) -> float | None:
+    def _known_for(watched: _WatchedLift, since: float, at: float) -> float | None:
         """Return for how long something has been so that must be known by now; None where it need not be yet."""
         for_s, clean_s = at - since, at - max(since, watched.clean_since)
         known = clean_s > MODE_KNOWN_WITHIN_S or for_s > watched.about.max_age_s + ANSWER_TAKES_S
         return for_s if known else None
 
-    def _stood_still(self, watched: _Watched, lift: str, rule: str, since: float, at: float) -> bool:
+    def _was_frozen(self, watched: _WatchedLift, lift: str, rule: str, since: float, at: float) -> bool:
         """Let pass what began after the registers had come to stand still: they cannot show it."""
         for fault in watched.faults:
-            if fault.name in STANDS_STILL and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
-                self.let_pass(lift, rule, fault.name)
+            if fault.name in FROZEN_FAULTS and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
+                self.excuse_finding(lift, rule, fault.name)
                 return True
         return False
 
-    def _is_fresh(self, watched: _Watched, at: float) -> bool:
+    def _is_fresh(self, watched: _WatchedLift, at: float) -> bool:
         """Whether every block of the poll was rightly answered within the age of a reading."""
         oldest = at - watched.about.max_age_s - ROUNDING_S
         return all(
@@ -433,36 +454,38 @@ class Oracle:
             for read in watched.about.blocks
         )
 
-    def _outputs(self, at: float, lift: str, watched: _Watched, truth: Truth) -> None:
+    def _check_outputs(self, at: float, lift: str, watched: _WatchedLift, truth: Truth) -> None:
         failed_writes = sum(self._lines[name].failed_writes for name in watched.about.controllers)
         for output in tuple(watched.on_since):
             name, floor = output
             if name in watched.about.fleeting:
                 continue
-            if self._is_wanted(watched, name, floor, truth, at):
-                watched.unwanted.pop(output, None)
+            if self._is_requested(watched, name, floor, truth, at):
+                watched.unrequested.pop(output, None)
                 continue
-            unwanted = watched.unwanted.setdefault(output, _Unwanted(at, watched.lost_s, failed_writes))
-            since = unwanted.since
+            unrequested = watched.unrequested.setdefault(output, _UnrequestedOutput(at, watched.lost_s, failed_writes))
+            since = unrequested.since
             if name == "robot_mode" and not truth.standing:
                 watched.under_way_at = at
             if name == "robot_mode":
                 since = max(since, min(self._stands_unknown_at(watched, at), since + watched.about.arrive_within_s))
-            hindered_s = watched.lost_s - unwanted.lost_s
-            hindered_s += RETRIES_WITHIN_S * (failed_writes - unwanted.failed_writes)
+            hindered_s = watched.lost_s - unrequested.lost_s
+            hindered_s += RETRIES_WITHIN_S * (failed_writes - unrequested.failed_writes)
             if at - since - hindered_s > self._limit_s(watched, name, truth):
-                text = f"{name} is on, and nobody has wanted it for {at - unwanted.since:.1f} s, {hindered_s:.1f} s of them hindered"
-                if not self._is_let_pass(watched, lift, name, at):
-                    self.weigh(Finding(at, lift, "output on too long", text, SuspectValues.OUTPUT), about=name)
-                watched.unwanted[output] = _Unwanted(at, watched.lost_s, failed_writes)
+                text = f"{name} is on, and nobody has wanted it for {at - unrequested.since:.1f} s, {hindered_s:.1f} s of them hindered"
+                if not self._is_excused(watched, lift, name, at):
+                    self.report_unless_excused(
+                        Finding(at, lift, "output on too long", text, SuspectValues.OUTPUT), about=name
+                    )
+                watched.unrequested[output] = _UnrequestedOutput(at, watched.lost_s, failed_writes)
 
     @staticmethod
-    def _stands_unknown_at(watched: _Watched, at: float) -> float:
+    def _stands_unknown_at(watched: _WatchedLift, at: float) -> float:
         """Return when the manager last could not know that the car stands: it moved, readings failed, or the alive counter stood still."""
         is_frozen = any(fault.name == "frozen_heartbeat" and at <= fault.ended_at for fault in watched.faults)
         return at if is_frozen else max(watched.under_way_at, watched.clean_since)
 
-    def _limit_s(self, watched: _Watched, name: str, truth: Truth) -> float:
+    def _limit_s(self, watched: _WatchedLift, name: str, truth: Truth) -> float:
         """Return how long this may stay on although nobody wants it.
 
         Robot mode is not dropped under way, and that a robot left is told for as long as it takes.
@@ -473,21 +496,21 @@ class Oracle:
         least_s = MODE_ENDS_WITHIN_S if name == "robot_mode" else RELEASES_WITHIN_S
         return least_s + watched.about.pulses_s.get(name, 0.0) + RELEASE_EXCHANGES * slow_s
 
-    def _is_let_pass(self, watched: _Watched, lift: str, name: str, at: float) -> bool:
-        if self.is_foreign(lift, name, at):
-            self.let_pass(lift, "output on too long", "foreign_writer")
+    def _is_excused(self, watched: _WatchedLift, lift: str, name: str, at: float) -> bool:
+        if self.is_foreign_write(lift, name, at):
+            self.excuse_finding(lift, "output on too long", "foreign_writer")
         elif at <= watched.stuck.get(name, -math.inf):
-            self.let_pass(lift, "output on too long", "left on unseen")
+            self.excuse_finding(lift, "output on too long", "left on unseen")
         else:
             return False
         return True
 
-    def let_pass(self, lift: str, rule: str, why: str) -> None:
+    def excuse_finding(self, lift: str, rule: str, why: str) -> None:
         """Count what a fault excuses: no excuse is silent."""
         key = (lift, rule, why)
         self.excused[key] = self.excused.get(key, 0) + 1
 
-    def _is_wanted(self, watched: _Watched, name: str, floor: int, truth: Truth, at: float) -> bool:
+    def _is_requested(self, watched: _WatchedLift, name: str, floor: int, truth: Truth, at: float) -> bool:
         state, about = watched.state, watched.about
         if state is None or state.holder is None:
             return False
@@ -499,35 +522,35 @@ class Oracle:
             # it was requested over a face of which the judge learns nothing
             return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
         owed = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(state.holder, -math.inf)
-        return is_requested(about, name, floor, truth, requests, on_s=on_s, owes_word=owed)
+        return is_output_requested(about, name, floor, truth, requests, on_s=on_s, is_report_due=owed)
 
-    def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
+    def _check_confirmation(self, lift: str, watched: _WatchedLift, at: float, claim: _Confirmation) -> None:
         claimed_at, pressed_at, outcome = claim
         if self._had_effect(watched, outcome.command, pressed_at, at):
             return
         text = f"{outcome.command} is said to be confirmed by {outcome.proof}, and had no effect"
         by_motion = outcome.proof is Proof.EFFECT and outcome.command.kind in _CALLS
-        if by_motion and self._set_out(watched, outcome.command, pressed_at, claimed_at):
-            self.let_pass(lift, "confirmed without effect", FOR_OTHERS)
+        if by_motion and self._started_towards(watched, outcome.command, pressed_at, claimed_at):
+            self.excuse_finding(lift, "confirmed without effect", FOR_OTHERS)
             return
-        if outcome.proof is Proof.READBACK and (mode := self._untold_mode(watched, pressed_at, at)) is not None:
+        if outcome.proof is Proof.READBACK and (mode := self._unreported_mode(watched, pressed_at, at)) is not None:
             # the register has the call, and in that mode the lift does not look at it
-            self.let_pass(lift, "confirmed without effect", untold(mode))
+            self.excuse_finding(lift, "confirmed without effect", unreported_mode(mode))
             return
         since = min(pressed_at, watched.floor_since)
-        only = MISREAD if by_motion else None
+        only = MISLEADING_FAULTS if by_motion else None
         name = outcome.command.name
         finding = Finding(claimed_at, lift, "confirmed without effect", text, SuspectValues.EFFECT)
-        self.weigh(finding, since=since, only=only, about=name)
+        self.report_unless_excused(finding, since=since, only=only, about=name)
 
     @staticmethod
-    def _untold_mode(watched: _Watched, since: float, until: float) -> Mode | None:
-        """Return a mode in which the lift obeyed no robot meanwhile, and which its map does not tell."""
+    def _unreported_mode(watched: _WatchedLift, since: float, until: float) -> Mode | None:
+        """Return a mode in which the lift did not obey robots meanwhile, and which its map does not show."""
         modes = (truth.mode for truth in watched.history.during(since, until))
-        return next((mode for mode in modes if mode in FORBIDDEN - watched.about.shows.modes), None)
+        return next((mode for mode in modes if mode in MODES_WITHOUT_ROBOTS - watched.about.shows.modes), None)
 
     @staticmethod
-    def _set_out(watched: _Watched, command: Command, pressed_at: float, claimed_at: float) -> bool:
+    def _started_towards(watched: _WatchedLift, command: Command, pressed_at: float, claimed_at: float) -> bool:
         """Whether the car stood, from the reading before a press on, and set out for there before the claim.
 
         One whose motion nobody tells looks like one that stands until it comes to another floor.
@@ -536,23 +559,23 @@ class Oracle:
         if not watched.about.shows.motion:
             since = watched.history.floor_since(since)
         truths = list(watched.history.during(since, claimed_at))
-        return command.floor is not None and sets_out(reversed(truths), command.floor, watched.about.floors)
+        return command.floor is not None and starts_towards(reversed(truths), command.floor, watched.about.floors)
 
-    def _had_effect(self, watched: _Watched, command: Command, since: float, at: float) -> bool:
+    def _had_effect(self, watched: _WatchedLift, command: Command, since: float, at: float) -> bool:
         truths = list(watched.history.during(since, at))
         if command.kind in _CALLS:
             came = truths[-1].passed != command.floor == truths[0].passed
             return came or any(command.floor in truth.calls or command.floor == truth.at for truth in truths)
         return any(command.name in truth.commands for truth in truths)
 
-    def find(self, at: float, lift: str, rule: str, text: str, wrong: SuspectValues | None = None) -> None:
-        """Note a finding, unless a fault that is present excuses what is `wrong`."""
-        self.weigh(Finding(at, lift, rule, text, wrong))
+    def report(self, at: float, lift: str, rule: str, text: str, wrong: SuspectValues | None = None) -> None:
+        """Add a finding, unless a current fault excuses what is `wrong`."""
+        self.report_unless_excused(Finding(at, lift, rule, text, wrong))
 
-    def weigh(
+    def report_unless_excused(
         self, finding: Finding, *, since: float | None = None, only: frozenset[str] | None = None, about: str = ""
     ) -> None:
-        """Note a finding, unless a fault excuses what is wrong: one that is present, or was at some time after `since`.
+        """Add a finding, unless a fault excuses what is wrong: a current one, or one after `since`.
 
         `only` names the faults that may; None: any. It is `about` a command, and a fault of another one is no excuse.
         """
@@ -561,17 +584,19 @@ class Oracle:
         for fault in self._lifts[finding.lift].faults if wrong is not None else ():
             may = (only is None or fault.name in only) and fault.touches(about)
             if may and wrong in fault.kinds and fault.since - ROUNDING_S <= at and began <= fault.until:
-                self.let_pass(finding.lift, finding.rule, fault.name)
+                self.excuse_finding(finding.lift, finding.rule, fault.name)
                 return
         self.findings.append(finding)
 
 
-def _untrue(state: LiftState, about: Judged, truths: Sequence[Truth], floors: set[str | None]) -> Iterator[Untrue]:
-    """Yield what of a live state was so in none of these moments, its invitations to `floors` first."""
+def _false_claims(
+    state: LiftState, about: LiftUnderTest, truths: Sequence[Truth], floors: set[str | None]
+) -> Iterator[FalseClaim]:
+    """Yield claims of a live state that were true at none of these moments, its invitations to `floors` first."""
     shows, was = about.shows, truths[-1]
     for floor in floors:
         if floor is None or not any(truth.open_at == floor for truth in truths):
-            yield "said open and was not", f"said open at {floor}; the car was {in_words(was)}", SuspectValues.OPEN
+            yield "said open and was not", f"said open at {floor}; the car was {truth_text(was)}", SuspectValues.OPEN
         elif shows.permits and not any(truth.awaits and truth.open_at == floor for truth in truths):
             yield (
                 "said open without permission",
@@ -580,11 +605,11 @@ def _untrue(state: LiftState, about: Judged, truths: Sequence[Truth], floors: se
             )
         if all(truth.mode in shows.modes for truth in truths):
             yield "said open in a forbidden mode", f"the mode was {was.mode}", SuspectValues.MODE
-    yield from untrue(state, shows, truths)
+    yield from false_claims(state, shows, truths)
 
 
-def untold(mode: Mode) -> str:
-    """Name the fault that a mode is which nothing tells."""
+def unreported_mode(mode: Mode) -> str:
+    """Return the name of the fault for a mode without a signal."""
     return f"in_mode.{mode}"
 
 

@@ -19,7 +19,7 @@ from lift_manager.runtime.errors import RequestRefused
 from register_maps.vocabulary import CALLS
 from simulator.wire_faults import Exchange
 
-CALLS_OF_SESSIONS = frozenset(CALLS)
+SESSION_COMMANDS = frozenset(CALLS)
 """What is pressed for nobody but the holder of a session; holds may outlast theirs for a while."""
 
 
@@ -36,37 +36,37 @@ class PressRows:
         disk.on_noted.append(self._noted)
         disk.on_committed.append(self._committed)
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether there is a row for each; a hold that the controller dropped may be pressed again with its old one."""
         book = self._oracle.judges[lift]
         for name in sorted(commands - book.repeated):
             key = (lift, name)
-            if key not in self._fresh and (name in CALLS_OF_SESSIONS or key not in self._pressed):
+            if key not in self._fresh and (name in SESSION_COMMANDS or key not in self._pressed):
                 text = f"{name} is pressed, and no row of it is on the disk"
-                self._oracle.find(at, lift, "pressed before its row", text)
+                self._oracle.report(at, lift, "pressed before its row", text)
             self._fresh.discard(key)
             self._pressed.add(key)
         saved = self._disk.store.records.get(lift)
-        if commands & CALLS_OF_SESSIONS and (saved is None or saved.record.session is None):
+        if commands & SESSION_COMMANDS and (saved is None or saved.record.session is None):
             text = f"{', '.join(sorted(commands))}, and a restart would not know for whom"
-            self._oracle.find(at, lift, "pressed before its session", text)
+            self._oracle.report(at, lift, "pressed before its session", text)
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         """Nothing about the lift itself is judged here."""
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         """Nothing about states is judged here."""
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Nothing about the wire is judged here."""
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         """Nothing about events is judged here."""
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Nothing about requests is judged here."""
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Nothing excuses a press without its row but what the oracle knows of."""
 
     def _noted(self, row: Row) -> None:

@@ -10,13 +10,20 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from drivers.model import Proof
-from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Excuse, FloorBy, MapEvidence, SuspectValues
+from lift_manager.lab.world.lift_under_test import (
+    MODES_WITHOUT_ROBOTS,
+    DoorEvidence,
+    Excuse,
+    FloorEvidence,
+    MapEvidence,
+    SuspectValues,
+)
 from register_maps.schema import RegisterMap
 from register_maps.words import Mode
 
 ALL_MODES = frozenset({Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE})
-FIRE_ALONE = frozenset({Mode.FIRE})
-NONE = frozenset[Mode]()
+ONLY_FIRE = frozenset({Mode.FIRE})
+NO_MODES = frozenset[Mode]()
 
 _EFFECT, _READBACK, _LAMP = frozenset({Proof.EFFECT}), frozenset({Proof.READBACK}), frozenset({Proof.LAMP})
 _RELAYS: Mapping[str, frozenset[Proof]] = {"go_to": _EFFECT, "hold_door": _READBACK}
@@ -48,10 +55,10 @@ def _relays(*, fire: bool, max_age_s: float = 1.0, bars: frozenset[str] = frozen
     """Two limits of the door, a contact per floor, and nothing that tells motion."""
     return MapEvidence(
         max_age_s=max_age_s,
-        modes=FIRE_ALONE if fire else NONE,
+        modes=ONLY_FIRE if fire else NO_MODES,
         motion=False,
         direction=False,
-        floor_by=FloorBy.SWITCH,
+        floor_by=FloorEvidence.SWITCH,
         bars=bars,
         proofs=_RELAYS,
     )
@@ -63,11 +70,11 @@ REVIEWED: Mapping[str, Row] = {
         "car_floor door.front | close_door.front go_to hold_door.front",
         MapEvidence(
             max_age_s=2.0,
-            modes=NONE,
+            modes=NO_MODES,
             motion=False,
             direction=False,
-            floor_by=FloorBy.SWITCH,
-            door_by=DoorBy.OPEN_CONTACT,
+            floor_by=FloorEvidence.SWITCH,
+            door_by=DoorEvidence.OPEN_CONTACT,
             proofs={**_RELAYS, "close_door": _EFFECT},
         ),
     ),
@@ -76,7 +83,7 @@ REVIEWED: Mapping[str, Row] = {
         " out_of_service overload robot_mode_on robots_allowed | close_door.front go_to hold_door.front robot_mode",
         MapEvidence(
             modes=ALL_MODES,
-            floor_by=FloorBy.SWITCH,
+            floor_by=FloorEvidence.SWITCH,
             robot_mode=True,
             bars=frozenset({"robots_allowed"}),
             proofs=_GENERIC,
@@ -96,10 +103,10 @@ REVIEWED: Mapping[str, Row] = {
     "robotnik-il-eth": Row(
         "car_floor door.front | go_to hold_door.front robot_mode",
         MapEvidence(
-            modes=NONE,
+            modes=NO_MODES,
             motion=False,
             direction=False,
-            floor_by=FloorBy.SWITCH,
+            floor_by=FloorEvidence.SWITCH,
             proofs={**_RELAYS, "robot_mode": _READBACK},
         ),
     ),
@@ -111,11 +118,11 @@ REVIEWED: Mapping[str, Row] = {
         "car_floor door.front | call robot_in_place",
         MapEvidence(
             max_age_s=2.0,
-            modes=NONE,
+            modes=NO_MODES,
             motion=False,
             direction=False,
-            floor_by=FloorBy.DOOR,
-            door_by=DoorBy.OPEN_LIMITS,
+            floor_by=FloorEvidence.DOOR,
+            door_by=DoorEvidence.OPEN_LIMITS,
             # nothing shows that the car comes: the output that is on is all there is
             proofs={"call": _READBACK, "robot_in_place": _READBACK},
         ),
@@ -123,22 +130,32 @@ REVIEWED: Mapping[str, Row] = {
     "seer-siemens-chengdu": Row(
         "car_floor door.front may_enter may_leave | call go robot_in_place robot_left",
         MapEvidence(
-            modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS
+            modes=NO_MODES,
+            motion=False,
+            direction=False,
+            door_by=DoorEvidence.OPEN_CONTACT,
+            permits=True,
+            proofs=_WORDS,
         ),
     ),
     "seer-siemens-chengdu-block": Row(
         "car_floor door.front may_enter may_leave | call go robot_in_place robot_left",
         MapEvidence(
-            modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS
+            modes=NO_MODES,
+            motion=False,
+            direction=False,
+            door_by=DoorEvidence.OPEN_CONTACT,
+            permits=True,
+            proofs=_WORDS,
         ),
     ),
     "two-stop-agv": Row(
         "car_floor door.front fault robot_mode_on | close_door.front go_to hold_door.front",
         MapEvidence(
-            modes=NONE,  # its fault lamp is none of the modes that a simulated controller changes to
+            modes=NO_MODES,  # its fault lamp is none of the modes that a simulated controller changes to
             motion=False,
             direction=False,
-            floor_by=FloorBy.SWITCH,
+            floor_by=FloorEvidence.SWITCH,
             robot_mode=True,
             proofs={**_RELAYS, "close_door": _EFFECT},
         ),
@@ -155,7 +172,7 @@ TWO_DOORS = {"door.front": "door.rear", "hold_door.front": "hold_door.rear", "cl
 """A site with a second door gives it the same signals and commands."""
 
 
-def shown_by(source: RegisterMap) -> tuple[MapEvidence, bool]:
+def evidence_of(source: RegisterMap) -> tuple[MapEvidence, bool]:
     """Return what a map can show, and whether that was reviewed."""
     row = REVIEWED.get(source.name)
     if row is not None and _names(source) == row.names:
@@ -184,8 +201,12 @@ def described(source: RegisterMap) -> MapEvidence:
         beats_within_s=beat.must_change_within_s if beat is not None else None,
         motion=not signals.keys().isdisjoint({"motion", "level"}),
         direction="motion" in signals,
-        floor_by=FloorBy.DOOR if shared else FloorBy.SWITCH if per_floor else FloorBy.CODE,
-        door_by=DoorBy.OPEN_LIMITS if by_limits else DoorBy.BOTH_ENDS if both else DoorBy.OPEN_CONTACT,
+        floor_by=FloorEvidence.DOOR if shared else FloorEvidence.SWITCH if per_floor else FloorEvidence.CODE,
+        door_by=DoorEvidence.OPEN_LIMITS
+        if by_limits
+        else DoorEvidence.BOTH_ENDS
+        if both
+        else DoorEvidence.OPEN_CONTACT,
         robot_mode="robot_mode_on" in signals,
         permits="robot_in_place" in source.commands and not signals.keys().isdisjoint({"may_enter", "may_leave"}),
         bars=frozenset(signals.keys() & {"robots_allowed", "watchdog_tripped"}),
@@ -204,13 +225,15 @@ _FLAGS = {
 def _modes(source: RegisterMap) -> Iterator[Mode]:
     yield from (mode for flag, mode in _FLAGS.items() if flag in source.signals)
     word = source.signals.get("mode")
-    yield from (Mode(text) for text in (word.values or {}).values() if Mode(text) in FORBIDDEN) if word else ()
+    yield from (
+        (Mode(text) for text in (word.values or {}).values() if Mode(text) in MODES_WITHOUT_ROBOTS) if word else ()
+    )
 
 
 # -- faults
 
-_LATE = frozenset({SuspectValues.EFFECT})
-_UNSEEN = frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT})
+_LATE_FAULTS = frozenset({SuspectValues.EFFECT})
+_UNDETECTABLE_FAULTS = frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT})
 """Of registers that stand still. What may be said of the lift meanwhile the judge knows better: what was so when they came to."""
 
 
@@ -220,32 +243,32 @@ def excuses(shows: MapEvidence, *, max_age_s: float, arrive_within_s: float, pol
     stands_still = None if shows.beats_within_s is None else poll_s + shows.beats_within_s + max_age_s
     found = {
         # a call counts as taken while the car moves, and nobody sees before it should have come that it does not
-        "wrong_floor": Excuse(_LATE, arrive_within_s),
-        "homing": Excuse(_LATE | _lost_floor(shows), arrive_within_s),
-        "calls_cancelled": Excuse(_LATE, arrive_within_s),
-        "reboot": Excuse(_LATE | _lost_floor(shows), arrive_within_s),
+        "wrong_floor": Excuse(_LATE_FAULTS, arrive_within_s),
+        "homing": Excuse(_LATE_FAULTS | _lost_floor(shows), arrive_within_s),
+        "calls_cancelled": Excuse(_LATE_FAULTS, arrive_within_s),
+        "reboot": Excuse(_LATE_FAULTS | _lost_floor(shows), arrive_within_s),
         # the door is held for the robot at the floor that is said
         "says_wrong_floor": Excuse(
             frozenset({SuspectValues.OPEN, SuspectValues.EFFECT, SuspectValues.FLOOR, SuspectValues.OUTPUT}), None
         ),
         "floor_ahead": Excuse(frozenset({SuspectValues.FLOOR}), None),
         "contradicting_limits": Excuse(frozenset({SuspectValues.OPEN, SuspectValues.SHOWN}), max_age_s),
-        "frozen_registers": Excuse(_UNSEEN, stands_still),
-        "stopped": Excuse(_UNSEEN, stands_still),
+        "frozen_registers": Excuse(_UNDETECTABLE_FAULTS, stands_still),
+        "stopped": Excuse(_UNDETECTABLE_FAULTS, stands_still),
         # nothing is wrong by it, but nobody knows where the car is
         "frozen_heartbeat": Excuse(frozenset(), None),
-        "lost_press": Excuse(_LATE, None),
-        "ignored_writes": Excuse(_LATE | {SuspectValues.OUTPUT}, None),
-        "ignored_writes.stored": Excuse(_LATE | {SuspectValues.OUTPUT}, None),
-        "foreign_writer": Excuse(_LATE | {SuspectValues.OUTPUT}, None),
+        "lost_press": Excuse(_LATE_FAULTS, None),
+        "ignored_writes": Excuse(_LATE_FAULTS | {SuspectValues.OUTPUT}, None),
+        "ignored_writes.stored": Excuse(_LATE_FAULTS | {SuspectValues.OUTPUT}, None),
+        "foreign_writer": Excuse(_LATE_FAULTS | {SuspectValues.OUTPUT}, None),
     }
     for mode in ALL_MODES:
         if mode not in shows.modes:
             # it takes no call, and a car that moves for people looks like the answer
-            found[f"in_mode.{mode}"] = Excuse(_LATE, None)
+            found[f"in_mode.{mode}"] = Excuse(_LATE_FAULTS, None)
     return found
 
 
 def _lost_floor(shows: MapEvidence) -> frozenset[SuspectValues]:
     """A controller that looks for its floor goes on to say the last number."""
-    return frozenset({SuspectValues.FLOOR}) if shows.floor_by is FloorBy.CODE else frozenset()
+    return frozenset({SuspectValues.FLOOR}) if shows.floor_by is FloorEvidence.CODE else frozenset()

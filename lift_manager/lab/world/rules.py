@@ -1,6 +1,6 @@
 """The judge of who gets the lift: fire, lockout, turns, one holder, and presses that are not repeated.
 
-It keeps a small book of its own, from what is asked, answered and pressed, and from the truth.
+It keeps notes of its own on requests, replies, presses and the physical state.
 """
 
 from __future__ import annotations
@@ -10,8 +10,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.model import FloorName, Result
-from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, SuspectValues
-from lift_manager.lab.world.oracle import FOREIGN, MISREAD, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
+from lift_manager.lab.world.lift_under_test import (
+    MODES_WITHOUT_ROBOTS,
+    Finding,
+    FloorEvidence,
+    LiftUnderTest,
+    SuspectValues,
+)
+from lift_manager.lab.world.oracle import (
+    FOREIGN_WRITE_FAULTS,
+    FROZEN_FAULTS,
+    MISLEADING_FAULTS,
+    MODE_ENDS_WITHIN_S,
+    Oracle,
+    unreported_mode,
+)
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import RESTART, STOP, FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lift.events import (
@@ -37,32 +50,32 @@ from simulator.faults import PowerLoss
 from simulator.wire_faults import Exchange
 
 KNOWN_WITHIN_S = 1.0
-"""A word of a person, or a fire that was published, holds from then on; what was on its way may still arrive for so long."""
-AGAIN_AFTER_S = 1.9
+"""A decision of a person or a published fire is in force at once; writes on their way may still arrive within this time."""
+REPEAT_AFTER_S = 1.9
 """The same call is not pressed sooner for the same request: the first pause after a failure is 2 s (DESIGN section 7)."""
 NOTICED_WITHIN_S = 2.6
-"""How long a state may go on to say open after our hold fell by itself: it is looked at every 2 s, and a look takes its time."""
-OWN_WITHIN_S = 0.3
-"""The same for a hold that we released: nobody has to look at anything."""
-MODE_LEFT_S = 2.0
+"""How long a state may stay open after our hold fell by itself: outputs are compared every 2 s, plus the time of the read."""
+OWN_RELEASE_WITHIN_S = 0.3
+"""The same for a hold that we released, which needs no read."""
+MODE_ENDED_S = 2.0
 """How long ago the forbidden mode, or what kept robots off (key switch, watchdog), may have ended because of which robot mode was dropped."""
 ROUNDING_S = 1e-6
 SAME_INSTANT_S = 0.05
-"""A press or release that is due is on the wire within so long."""
-BLINDS_TO_A_HOLD = frozenset({"frozen_registers", "stopped", "ignored_writes", "ignored_writes.stored"})
+"""A due press or release is on the wire within this time."""
+HOLD_FAULTS = frozenset({"frozen_registers", "stopped", "ignored_writes", "ignored_writes.stored"})
 """Faults under which a hold that was read back may not be there."""
-LOST = "lost_press"
+LOST_PRESS = "lost_press"
 
 _CALLS = ("go_to", "call", "go")
 _WORDS = frozenset({"robot_left", "robot_in_place"})
-"""What the lift may still be told after a session."""
+"""Reports that the lift may still get after a session."""
 
 
 @dataclass(slots=True)
-class _Book:
-    """One lift, as its rules see it."""
+class _LiftNotes:
+    """Notes on one lift for its rules."""
 
-    about: Judged
+    about: LiftUnderTest
     truth: Truth | None = None
     state: LiftState | None = None
     session: Holder | None = None
@@ -94,15 +107,15 @@ class _Book:
     fell_by_us: bool = False
     """By a write of ours."""
     invited_at: float = -math.inf
-    """When a state last said open for the robot of a session."""
+    """When a state was last open for the robot of a session."""
     invited: tuple[Holder, FloorName | None] | None = None
     """To whom, and where."""
     gave_up_at: dict[Holder, float] = field(default_factory=dict)
-    """When each caller was last taken to want the door at no floor, or at another one than before."""
+    """When each caller last requested no door, or one at another floor."""
     robot_mode_at: float = -math.inf
     stood_at: float = -math.inf
-    """When the car was last seen to stand; that it has set out is known with the next reading."""
-    doubts: list[tuple[float, Holder, Holder | None]] = field(default_factory=list)
+    """When the car last stood; the manager knows that it has started with the next reading."""
+    undecided: list[tuple[float, Holder, Holder | None]] = field(default_factory=list)
     """Requests that were accepted and are not judged yet: when, of whom, and who held the lift then."""
 
     def index(self, floor: FloorName | None) -> int | None:
@@ -110,328 +123,334 @@ class _Book:
         floors = self.about.floors
         return floors.index(floor) if floor is not None and floor in floors else None
 
-    def reached(self, floor: FloorName) -> None:
-        """The calls to this floor are served."""
+    def mark_reached(self, floor: FloorName) -> None:
+        """Drop the calls to this floor, which are served."""
         there = self.index(floor)
         self.standing_calls = {call: since for call, since in self.standing_calls.items() if call[1] != there}
 
 
 class Rules:
-    """A witness that tells its findings to the oracle, which knows what is excused."""
+    """A witness that reports its findings to the oracle, which knows what is excused."""
 
     def __init__(self, oracle: Oracle) -> None:
         self._oracle = oracle
-        self._books: Mapping[str, _Book] = {name: _Book(about) for name, about in oracle.judges.items()}
+        self._notes: Mapping[str, _LiftNotes] = {name: _LiftNotes(about) for name, about in oracle.judges.items()}
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
-        """See whether robot mode was dropped under way, and who was given a lift that another one holds."""
-        book = self._books[lift]
-        before, book.truth = book.truth, truth
-        if truth.mode in FORBIDDEN or truth.bars & book.about.shows.bars:
-            book.mode_at = at
-        _follow(at, book, truth)
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
+        """Check that robot mode is not dropped under way, and that no lift is given to a second holder."""
+        notes = self._notes[lift]
+        before, notes.truth = notes.truth, truth
+        if truth.mode in MODES_WITHOUT_ROBOTS or truth.bars & notes.about.shows.bars:
+            notes.mode_at = at
+        _track_holds(at, notes, truth)
         if truth.robot_mode:
-            book.robot_mode_at = at
+            notes.robot_mode_at = at
         dropped = before is not None and before.robot_mode and "robot_mode" in before.commands - truth.commands
         if truth.standing:
-            book.stood_at = at
+            notes.stood_at = at
         # with its doors open a car only re-levels
-        if dropped and truth.doors_shut and at - book.stood_at > KNOWN_WITHIN_S:
-            self._dropped_under_way(at, lift, book)
-        for doubt in [doubt for doubt in book.doubts if doubt[0] < at]:
-            book.doubts.remove(doubt)
-            self._decide(at, lift, book, *doubt)
+        if dropped and truth.doors_shut and at - notes.stood_at > KNOWN_WITHIN_S:
+            self._dropped_under_way(at, lift, notes)
+        for pending in [pending for pending in notes.undecided if pending[0] < at]:
+            notes.undecided.remove(pending)
+            self._decide(at, lift, notes, *pending)
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
-        """See whether anything may be pressed now, by everything but the mode."""
-        book = self._books[lift]
-        book.pressed_something |= bool(commands - _WORDS)
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """Check all conditions of a press except the mode."""
+        notes = self._notes[lift]
+        notes.pressed_something |= bool(commands - _WORDS)
         names = ", ".join(sorted(commands))
-        if at > book.fire_since + KNOWN_WITHIN_S:
-            self._oracle.find(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it")
-        if at > book.locked_since + KNOWN_WITHIN_S:
-            self._oracle.find(at, lift, "pressed in a lockout", names)
+        if at > notes.fire_since + KNOWN_WITHIN_S:
+            self._oracle.report(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it")
+        if at > notes.locked_since + KNOWN_WITHIN_S:
+            self._oracle.report(at, lift, "pressed in a lockout", names)
         # a lift that is still in robot mode is none for people, and what keeps it so under way may be pressed again
-        kept = {"robot_mode"} if at - book.robot_mode_at < MODE_LEFT_S else set()
-        if at < book.rests_until and commands - _WORDS - kept:
-            text = f"{names}, {book.rests_until - at:.1f} s before people have had their turn"
-            self._oracle.find(at, lift, "pressed in people's turn", text)
+        kept = {"robot_mode"} if at - notes.robot_mode_at < MODE_ENDED_S else set()
+        if at < notes.rests_until and commands - _WORDS - kept:
+            text = f"{names}, {notes.rests_until - at:.1f} s before people have had their turn"
+            self._oracle.report(at, lift, "pressed in people's turn", text)
         # that a robot left is a person's word as well
-        for name in sorted(commands - {"robot_left"} - book.about.repeated):
-            if not self._was_asked_for(book, name):
+        for name in sorted(commands - {"robot_left"} - notes.about.repeated):
+            if not self._was_requested(notes, name):
                 text = f"{name}, and nobody who holds the lift has asked for that since"
-                self._by_itself(at, lift, "pressed by a restart", text, name)
-        self._again(at, lift, book, commands)
+                self._report_own_press(at, lift, "pressed by a restart", text, name)
+        self._check_repeats(at, lift, notes, commands)
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
-        """See whether what a robot needs besides an open door is there, and know what the manager knows."""
-        book = self._books[lift]
-        book.state = state
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
+        """Check what a robot needs besides an open door, and record what the manager knows."""
+        notes = self._notes[lift]
+        notes.state = state
         if state.quality is not Quality.LIVE:
             return
-        book.live_at = at
-        if state.standing and state.floor is not None and book.standing_calls:
+        notes.live_at = at
+        if state.standing and state.floor is not None and notes.standing_calls:
             # for the manager the car was there; where it was not, another rule finds that
-            book.reached(state.floor)
+            notes.mark_reached(state.floor)
         if state.mode is Mode.FIRE:
-            book.fire_since = min(book.fire_since, at)
-            book.fire_published_at = at
+            notes.fire_since = min(notes.fire_since, at)
+            notes.fire_published_at = at
         if state.robot_door is RobotDoor.OPEN:
-            self._invited(at, lift, book, state)
+            self._check_invitation(at, lift, notes, state)
         if state.robot_door is RobotDoor.OPEN and state.holder is not None:
             since = at - (state.age_s or 0.0)
-            book.invited_at, book.invited = at, (state.holder, state.floor)
-            if book.about.holds:
-                self._is_held(at, lift, book, state.holder, since)
-            if book.about.shows.robot_mode and book.robot_mode_at < since - KNOWN_WITHIN_S:
-                blinded = self._oracle.was_blinded(lift, since - KNOWN_WITHIN_S, STANDS_STILL)
+            notes.invited_at, notes.invited = at, (state.holder, state.floor)
+            if notes.about.holds:
+                self._is_held(at, lift, notes, state.holder, since)
+            if notes.about.shows.robot_mode and notes.robot_mode_at < since - KNOWN_WITHIN_S:
+                blinded = self._oracle.was_misled(lift, since - KNOWN_WITHIN_S, FROZEN_FAULTS)
                 if blinded is None:
-                    self._oracle.find(at, lift, "said open without robot mode", f"for {state.holder}")
+                    self._oracle.report(at, lift, "said open without robot mode", f"for {state.holder}")
                 else:
-                    self._oracle.let_pass(lift, "said open without robot mode", blinded)
+                    self._oracle.excuse_finding(lift, "said open without robot mode", blinded)
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
-        """See whether a hold that has just fallen was released by us, and whether its robot had time to clear the door."""
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
+        """Check whether a hold that has just fallen was released by us, and whether its robot had time to clear the door."""
         fallen = [
             lift
-            for lift, book in self._books.items()
-            if book.fell_at == at and controller in book.about.controllers
-            if not any(self._oracle.is_foreign(lift, hold, at) for hold in book.about.holds)
+            for lift, notes in self._notes.items()
+            if notes.fell_at == at and controller in notes.about.controllers
+            if not any(self._oracle.is_foreign_write(lift, hold, at) for hold in notes.about.holds)
         ]
         if fallen and exchange.executed and parse_request(exchange.request, timed_coils=True).is_write:
             for lift in fallen:
-                self._books[lift].fell_by_us = True
-                self._let_fall(at, lift, self._books[lift])
+                self._notes[lift].fell_by_us = True
+                self._check_release(at, lift, self._notes[lift])
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         """Keep the book of sessions and of people's words."""
         match event:
             case SessionOpened() | SessionRestored() | HandedOver():
-                self._held(at, event)
+                self._check_holder(at, event)
             case SessionEnded(lift=lift):
-                book = self._books[lift]
-                book.session, book.floor = None, None
-                book.calls.clear()
-                book.standing_calls.clear()
-                if book.pressed_something:
+                notes = self._notes[lift]
+                notes.session, notes.floor = None, None
+                notes.calls.clear()
+                notes.standing_calls.clear()
+                if notes.pressed_something:
                     # the instant at which the event is heard may be a turn of the loop later than the end
-                    book.rests_until = at + book.about.between_sessions_s - 0.01
-                book.pressed_something = False
+                    notes.rests_until = at + notes.about.between_sessions_s - 0.01
+                notes.pressed_something = False
             case Acknowledged(lift=lift):
-                self._acknowledged(at, lift, self._books[lift])
+                self._acknowledged(at, lift, self._notes[lift])
             case RestrictionBegun(lift=lift, restriction=begun) if begun.kind is RestrictionKind.LOCKOUT:
-                self._books[lift].locked_since = at
+                self._notes[lift].locked_since = at
             case RestrictionEnded(lift=lift, restriction=over) if over.kind is RestrictionKind.LOCKOUT:
-                self._books[lift].locked_since = math.inf
+                self._notes[lift].locked_since = math.inf
             case CommandEnded(lift=lift, outcome=outcome) if outcome.result is not Result.CONFIRMED:
-                standing = self._books[lift].standing_calls
-                self._books[lift].standing_calls = {
+                standing = self._notes[lift].standing_calls
+                self._notes[lift].standing_calls = {
                     call: at for call, at in standing.items() if call[0] != outcome.command.name
                 }
             case _:
                 pass
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """See whether this may be accepted; a release always may."""
-        book, holder, floor = self._books[request.lift], request.holder, request.floor
+        notes, holder, floor = self._notes[request.lift], request.holder, request.floor
         if refused is not None:
             return
-        if floor != book.floor or not request.hold_door:
+        if floor != notes.floor or not request.hold_door:
             # the release that follows may wait behind a slow answer, and its holder may request the floor again meanwhile
-            book.gave_up_at[holder] = at
-        if floor != book.floor:
-            book.floor = floor
-            book.calls.clear()
-            index = book.index(floor)
-            book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] == index}
-        truth = book.truth
-        told_by_doors = book.about.shows.floor_by is FloorBy.DOOR
+            notes.gave_up_at[holder] = at
+        if floor != notes.floor:
+            notes.floor = floor
+            notes.calls.clear()
+            index = notes.index(floor)
+            notes.standing_calls = {call: since for call, since in notes.standing_calls.items() if call[1] == index}
+        truth = notes.truth
+        told_by_doors = notes.about.shows.floor_by is FloorEvidence.DOOR
         here = None if truth is None else truth.open_at if told_by_doors else truth.at
         # a session that stays wants the lift also without its door
         releases = not (request.hold_door or request.stays) and truth is not None and here in (floor, None)
         # between floors it is a call, if the manager has not seen the car where it is released; a robot inside releases nothing
         between = truth is not None and here is None
-        if book.requested_since is not None and (not releases or between or request.robot is RobotWord.IN_PLACE):
-            book.requested_since.setdefault(holder, set()).add(floor)
+        if notes.requested_since is not None and (not releases or between or request.robot is RobotWord.IN_PLACE):
+            notes.requested_since.setdefault(holder, set()).add(floor)
         if releases or request.robot is not None:
             return
         if request.hold_door:  # without, a floor that the car has just left may be released as well
             # what a person did in this very instant may not be known yet
-            book.doubts.append((at, holder, book.session))
+            notes.undecided.append((at, holder, notes.session))
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Forget what a manager that is killed forgets; what people said is not among it."""
-        for book in self._books.values() if struck.fault == STOP else ():
-            book.stopping = True
+        for notes in self._notes.values() if struck.fault == STOP else ():
+            notes.stopping = True
         for lift in struck.fault.lifts if isinstance(struck.fault, ForgottenRecords) else ():
-            self._books[lift].fire_since = self._books[lift].locked_since = math.inf
+            self._notes[lift].fire_since = self._notes[lift].locked_since = math.inf
         if isinstance(struck.fault, PowerLoss) and struck.began and not struck.fault.outputs_held:
             # our outputs are gone, and nobody but the lift knows that it has taken a call from them
-            for lift, book in self._books.items():
-                if struck.where in (lift, *book.about.controllers):
-                    book.standing_calls.clear()
+            for lift, notes in self._notes.items():
+                if struck.where in (lift, *notes.about.controllers):
+                    notes.standing_calls.clear()
         if struck.fault == RESTART:
-            for book in self._books.values():
+            for notes in self._notes.values():
                 # the session may go on, and is told then
-                book.session, book.floor, book.restarted_at, book.requested_since = None, None, at, {}
-                book.rests_until = -math.inf
-                book.calls.clear()
-                book.doubts.clear()
+                notes.session, notes.floor, notes.restarted_at, notes.requested_since = None, None, at, {}
+                notes.rests_until = -math.inf
+                notes.calls.clear()
+                notes.undecided.clear()
 
     @staticmethod
-    def _was_asked_for(book: _Book, name: str) -> bool:
+    def _was_requested(notes: _LiftNotes, name: str) -> bool:
         """Whether the holder, or whoever takes the lift now, has asked for this since the last restart; for a call, for its floor."""
-        if book.requested_since is None:
+        if notes.requested_since is None:
             return True
-        since = book.requested_since
-        floors = since.get(book.session, set()) if book.session is not None else set().union(*since.values())
-        index = dict(book.truth.given).get(name) if book.truth is not None else None
+        since = notes.requested_since
+        floors = since.get(notes.session, set()) if notes.session is not None else set().union(*since.values())
+        index = dict(notes.truth.given).get(name) if notes.truth is not None else None
         if name.partition(".")[0] not in _CALLS or index is None:
             return bool(floors)
-        return any(book.index(floor) == index for floor in floors)
+        return any(notes.index(floor) == index for floor in floors)
 
-    def _by_itself(self, at: float, lift: str, rule: str, text: str, name: str) -> None:
+    def _report_own_press(self, at: float, lift: str, rule: str, text: str, name: str) -> None:
         """Note a press that nobody asked for, unless somebody else took away what it presses: then a refresh presses it again."""
-        self._oracle.weigh(Finding(at, lift, rule, text, SuspectValues.OUTPUT), only=FOREIGN, about=name)
+        self._oracle.report_unless_excused(
+            Finding(at, lift, rule, text, SuspectValues.OUTPUT), only=FOREIGN_WRITE_FAULTS, about=name
+        )
 
-    def _is_held(self, at: float, lift: str, book: _Book, holder: Holder, since: float) -> None:
+    def _is_held(self, at: float, lift: str, notes: _LiftNotes, holder: Holder, since: float) -> None:
         """See whether the door drive is held for the robot that is invited, and was when the door was read, at `since`."""
-        truth = book.truth
-        if truth is not None and truth.mode in FORBIDDEN - book.about.shows.modes:
+        truth = notes.truth
+        if truth is not None and truth.mode in MODES_WITHOUT_ROBOTS - notes.about.shows.modes:
             # it serves no door buttons
-            self._oracle.let_pass(lift, "said open and not held", untold(truth.mode))
-        elif truth is not None and book.about.holds & truth.lost:
-            self._oracle.let_pass(lift, "said open and not held", LOST)
-        elif math.isinf(book.held_since):
-            within_s = OWN_WITHIN_S if book.fell_by_us else NOTICED_WITHIN_S
-            if at - book.fell_at <= within_s:
+            self._oracle.excuse_finding(lift, "said open and not held", unreported_mode(truth.mode))
+        elif truth is not None and notes.about.holds & truth.lost:
+            self._oracle.excuse_finding(lift, "said open and not held", LOST_PRESS)
+        elif math.isinf(notes.held_since):
+            within_s = OWN_RELEASE_WITHIN_S if notes.fell_by_us else NOTICED_WITHIN_S
+            if at - notes.fell_at <= within_s:
                 return
-            blinded = self._oracle.was_blinded(lift, book.fell_at - NOTICED_WITHIN_S, BLINDS_TO_A_HOLD)
-            text = f"for {holder}; no hold has been on for {at - book.fell_at:.1f} s"
+            blinded = self._oracle.was_misled(lift, notes.fell_at - NOTICED_WITHIN_S, HOLD_FAULTS)
+            text = f"for {holder}; no hold has been on for {at - notes.fell_at:.1f} s"
             self._find_unless(blinded, at, lift, "said open and not held", text)
-        elif since < book.pressed_since - ROUNDING_S and at - book.fell_at > NOTICED_WITHIN_S:
-            blinded = self._oracle.was_blinded(lift, since, BLINDS_TO_A_HOLD)
-            text = f"for {holder}; it was read {book.pressed_since - since:.2f} s before the hold was on"
+        elif since < notes.pressed_since - ROUNDING_S and at - notes.fell_at > NOTICED_WITHIN_S:
+            blinded = self._oracle.was_misled(lift, since, HOLD_FAULTS)
+            text = f"for {holder}; it was read {notes.pressed_since - since:.2f} s before the hold was on"
             self._find_unless(blinded, at, lift, "said open on a reading from before the hold", text)
 
     def _find_unless(self, blinded: str | None, at: float, lift: str, rule: str, text: str) -> None:
         """Note a finding, or count the fault that kept the manager from knowing."""
         if blinded is None:
-            self._oracle.find(at, lift, rule, text)
+            self._oracle.report(at, lift, rule, text)
         else:
-            self._oracle.let_pass(lift, rule, blinded)
+            self._oracle.excuse_finding(lift, rule, blinded)
 
-    def _let_fall(self, at: float, lift: str, book: _Book) -> None:
+    def _check_release(self, at: float, lift: str, notes: _LiftNotes) -> None:
         """See whether our release shuts the door on a robot that was invited a moment ago, and did not ask for it."""
-        truth = book.truth
-        if truth is None or book.invited is None or at - book.invited_at >= book.about.clear_s - SAME_INSTANT_S:
+        truth = notes.truth
+        if truth is None or notes.invited is None or at - notes.invited_at >= notes.about.clear_s - SAME_INSTANT_S:
             return
-        holder, floor = book.invited
+        holder, floor = notes.invited
         request = self._oracle.request_of(lift, holder)
-        requested_it = book.gave_up_at.get(holder, -math.inf) > book.invited_at
+        requested_it = notes.gave_up_at.get(holder, -math.inf) > notes.invited_at
         gave_up = request is None or request.floor != floor or not request.hold_door or requested_it
         sudden = (
-            at - book.mode_at < MODE_LEFT_S
-            or not math.isinf(book.fire_since)
+            at - notes.mode_at < MODE_ENDED_S
+            or not math.isinf(notes.fire_since)
             or bool(truth.bars)
-            or (book.about.shows.robot_mode and not truth.robot_mode)
-            or book.stopping
-            or at - book.live_at > KNOWN_WITHIN_S
+            or (notes.about.shows.robot_mode and not truth.robot_mode)
+            or notes.stopping
+            or at - notes.live_at > KNOWN_WITHIN_S
         )
         if truth.open_at != floor or gave_up or sudden:
             return
         # a car that seems to have left takes its door along
-        blinded = self._oracle.was_blinded(lift, book.invited_at, MISREAD)
-        text = f"{holder} was invited at {floor} {at - book.invited_at:.1f} s before our release"
+        blinded = self._oracle.was_misled(lift, notes.invited_at, MISLEADING_FAULTS)
+        text = f"{holder} was invited at {floor} {at - notes.invited_at:.1f} s before our release"
         self._find_unless(blinded, at, lift, "the door fell while a robot was invited", text)
 
-    def _invited(self, at: float, lift: str, book: _Book, state: LiftState) -> None:
+    def _check_invitation(self, at: float, lift: str, notes: _LiftNotes, state: LiftState) -> None:
         """Nobody is invited by a lift that a person must check, or keeps robots off."""
-        if at > book.fire_since + KNOWN_WITHIN_S:
+        if at > notes.fire_since + KNOWN_WITHIN_S:
             text = f"at {state.floor}; nobody has acknowledged it"
-            self._oracle.find(at, lift, "said open after a fire", text)
-        if at > book.locked_since + KNOWN_WITHIN_S:
-            self._oracle.find(at, lift, "said open in a lockout", f"at {state.floor}")
+            self._oracle.report(at, lift, "said open after a fire", text)
+        if at > notes.locked_since + KNOWN_WITHIN_S:
+            self._oracle.report(at, lift, "said open in a lockout", f"at {state.floor}")
 
-    def _decide(self, at: float, lift: str, book: _Book, asked_at: float, asker: Holder, holder: Holder | None) -> None:
-        if asked_at > book.fire_since + KNOWN_WITHIN_S:
-            self._oracle.find(at, lift, "let in after a fire", f"{asker}; nobody has acknowledged it")
-        if asked_at > book.locked_since + KNOWN_WITHIN_S:
-            self._oracle.find(at, lift, "let in despite a lockout", str(asker))
-        if holder not in (None, asker) and book.session == holder:
-            self._oracle.find(at, lift, "two holders", f"{asker} is obeyed, and {holder} holds the lift")
+    def _decide(
+        self, at: float, lift: str, notes: _LiftNotes, requested_at: float, caller: Holder, holder: Holder | None
+    ) -> None:
+        if requested_at > notes.fire_since + KNOWN_WITHIN_S:
+            self._oracle.report(at, lift, "let in after a fire", f"{caller}; nobody has acknowledged it")
+        if requested_at > notes.locked_since + KNOWN_WITHIN_S:
+            self._oracle.report(at, lift, "let in despite a lockout", str(caller))
+        if holder not in (None, caller) and notes.session == holder:
+            self._oracle.report(at, lift, "two holders", f"{caller} is obeyed, and {holder} holds the lift")
 
-    def _held(self, at: float, event: SessionOpened | SessionRestored | HandedOver) -> None:
-        book = self._books[event.lift]
-        if book.session not in (None, event.holder):
-            text = f"{event.holder} gets the lift, or gives it away, and {book.session} holds it"
-            self._oracle.find(at, event.lift, "two holders", text)
+    def _check_holder(self, at: float, event: SessionOpened | SessionRestored | HandedOver) -> None:
+        notes = self._notes[event.lift]
+        if notes.session not in (None, event.holder):
+            text = f"{event.holder} gets the lift, or gives it away, and {notes.session} holds it"
+            self._oracle.report(at, event.lift, "two holders", text)
         if isinstance(event, HandedOver):
-            book.session = event.to
-            if book.invited is not None and book.invited[0] == event.holder:
+            notes.session = event.to
+            if notes.invited is not None and notes.invited[0] == event.holder:
                 # the robot in the door is the new holder's, who speaks for it from here on
-                book.invited = event.to, book.invited[1]
+                notes.invited = event.to, notes.invited[1]
             request = self._oracle.request_of(event.lift, event.holder)
-            if book.requested_since is not None and request is not None:
+            if notes.requested_since is not None and request is not None:
                 # its holder has said so itself, and the session goes on with what it wants
-                book.requested_since.setdefault(event.to, set()).add(request.floor)
+                notes.requested_since.setdefault(event.to, set()).add(request.floor)
         else:
-            book.session, book.pressed_something = event.holder, isinstance(event, SessionRestored)
+            notes.session, notes.pressed_something = event.holder, isinstance(event, SessionRestored)
 
-    def _acknowledged(self, at: float, lift: str, book: _Book) -> None:
-        shown = book.state is not None and book.state.quality is Quality.LIVE and book.state.mode is Mode.FIRE
-        still = book.truth is not None and book.truth.mode is Mode.FIRE
-        if shown and still and not math.isinf(book.fire_since):
-            self._oracle.find(at, lift, "acknowledged while on", "the fire is still on")
-        book.fire_since = math.inf
+    def _acknowledged(self, at: float, lift: str, notes: _LiftNotes) -> None:
+        shown = notes.state is not None and notes.state.quality is Quality.LIVE and notes.state.mode is Mode.FIRE
+        still = notes.truth is not None and notes.truth.mode is Mode.FIRE
+        if shown and still and not math.isinf(notes.fire_since):
+            self._oracle.report(at, lift, "acknowledged while on", "the fire is still on")
+        notes.fire_since = math.inf
 
-    def _dropped_under_way(self, at: float, lift: str, book: _Book) -> None:
-        blind = at - book.live_at > KNOWN_WITHIN_S
-        by_mode = at - book.mode_at < MODE_LEFT_S or not math.isinf(book.fire_since)
-        restarted = at - book.restarted_at < book.about.arrive_within_s
-        if not (blind or by_mode or restarted or book.stopping) and self._oracle.is_clean(lift, at, MODE_ENDS_WITHIN_S):
-            self._oracle.find(at, lift, "robot mode dropped under way", "the car was moving")
+    def _dropped_under_way(self, at: float, lift: str, notes: _LiftNotes) -> None:
+        blind = at - notes.live_at > KNOWN_WITHIN_S
+        by_mode = at - notes.mode_at < MODE_ENDED_S or not math.isinf(notes.fire_since)
+        restarted = at - notes.restarted_at < notes.about.arrive_within_s
+        if not (blind or by_mode or restarted or notes.stopping) and self._oracle.is_clean(
+            lift, at, MODE_ENDS_WITHIN_S
+        ):
+            self._oracle.report(at, lift, "robot mode dropped under way", "the car was moving")
 
-    def _again(self, at: float, lift: str, book: _Book, commands: frozenset[str]) -> None:
-        given = dict(book.truth.given) if book.truth is not None else {}
-        for name in commands - book.about.repeated:
+    def _check_repeats(self, at: float, lift: str, notes: _LiftNotes, commands: frozenset[str]) -> None:
+        given = dict(notes.truth.given) if notes.truth is not None else {}
+        for name in commands - notes.about.repeated:
             if name.partition(".")[0] not in _CALLS:
                 continue
             key = (name, given.get(name, -1))
-            since_s = at - book.calls.get(key, -math.inf)
-            if since_s < AGAIN_AFTER_S:
-                self._by_itself(at, lift, "pressed again", f"{name}, {since_s:.2f} s after its last press", name)
-            if self._stands(book, key):
+            since_s = at - notes.calls.get(key, -math.inf)
+            if since_s < REPEAT_AFTER_S:
+                self._report_own_press(at, lift, "pressed again", f"{name}, {since_s:.2f} s after its last press", name)
+            if self._stands(notes, key):
                 text, rule = f"{name}, and the lift still has the call of before", "pressed again after a restart"
                 # registers that stand still do not show the call, and one that nothing shows is pressed again
-                if (blinded := self._oracle.was_blinded(lift, book.restarted_at, STANDS_STILL)) is not None:
-                    self._oracle.let_pass(lift, rule, blinded)
+                if (blinded := self._oracle.was_misled(lift, notes.restarted_at, FROZEN_FAULTS)) is not None:
+                    self._oracle.excuse_finding(lift, rule, blinded)
                 else:
-                    self._by_itself(at, lift, rule, text, name)
-            book.calls[key] = book.standing_calls[key] = at
+                    self._report_own_press(at, lift, rule, text, name)
+            notes.calls[key] = notes.standing_calls[key] = at
 
     @staticmethod
-    def _stands(book: _Book, key: tuple[str, int]) -> bool:
+    def _stands(notes: _LiftNotes, key: tuple[str, int]) -> bool:
         """Whether a call was pressed before the last restart, and the lift still has it."""
-        pressed_at, floors = book.standing_calls.get(key, math.inf), book.about.floors
-        if book.truth is None or pressed_at > book.restarted_at or key[1] not in range(len(floors)):
+        pressed_at, floors = notes.standing_calls.get(key, math.inf), notes.about.floors
+        if notes.truth is None or pressed_at > notes.restarted_at or key[1] not in range(len(floors)):
             return False
-        return floors[key[1]] in book.truth.calls
+        return floors[key[1]] in notes.truth.calls
 
 
-def _follow(at: float, book: _Book, truth: Truth) -> None:
+def _track_holds(at: float, notes: _LiftNotes, truth: Truth) -> None:
     """Keep the book of door holds, and of calls that stand until the car is there."""
-    if not (book.about.holds and book.about.holds <= truth.obeyed):
-        if not math.isinf(book.held_since):
-            book.held_since, book.fell_at, book.fell_by_us = math.inf, at, False
-    elif math.isinf(book.held_since):
-        book.held_since = at
-    if not book.about.holds <= truth.commands:
-        if not math.isinf(book.pressed_since):
+    if not (notes.about.holds and notes.about.holds <= truth.obeyed):
+        if not math.isinf(notes.held_since):
+            notes.held_since, notes.fell_at, notes.fell_by_us = math.inf, at, False
+    elif math.isinf(notes.held_since):
+        notes.held_since = at
+    if not notes.about.holds <= truth.commands:
+        if not math.isinf(notes.pressed_since):
             # cleared before the drive had obeyed it: nobody can know sooner than of one that it obeyed
-            book.fell_at = at
-        book.pressed_since = math.inf
-    elif math.isinf(book.pressed_since):
-        book.pressed_since = at
-    if book.standing_calls and truth.open_at is not None:
-        book.reached(truth.open_at)
+            notes.fell_at = at
+        notes.pressed_since = math.inf
+    elif math.isinf(notes.pressed_since):
+        notes.pressed_since = at
+    if notes.standing_calls and truth.open_at is not None:
+        notes.mark_reached(truth.open_at)

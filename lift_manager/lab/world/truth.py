@@ -104,14 +104,14 @@ def _bars(picture: ShownState) -> frozenset[str]:
     return frozenset(kept_off | ({"watchdog_tripped"} if picture.watchdog_tripped else set()))
 
 
-def in_words(truth: Truth) -> str:
+def truth_text(truth: Truth) -> str:
     """Say where the car is, and what it does."""
     where = f"at {truth.at}" if truth.at is not None else "between floors"
     doors = "doors fully open" if truth.open_at is not None else "doors not fully open"
     return f"{where}, {'standing' if truth.standing else 'moving'}, {'doors shut' if truth.doors_shut else doors}"
 
 
-def sets_out(truths: Iterable[Truth], target: FloorName, floors: Sequence[FloorName]) -> bool:
+def starts_towards(truths: Iterable[Truth], target: FloorName, floors: Sequence[FloorName]) -> bool:
     """Whether a car stood, and then went towards a floor. `truths` is oldest first, `floors` lowest first."""
     stood = False
     for truth in truths:

@@ -1,4 +1,4 @@
-"""Who watches a world: everything that happens is told to every witness, in order, at the loop's time."""
+"""The observers of a world: every witness receives everything that happens, in order, with the time of the loop."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lift_manager.runtime.errors import RequestRefused
 from simulator.wire_faults import Exchange
 
 RESTART = "restart"
-"""What a world strikes when the manager is killed and started again."""
+"""The fault that a world reports when the manager is killed and restarted."""
 STOP = "stop"
-"""And before its orderly end, which releases robot mode too, wherever the car is: nobody is left to do it later."""
+"""The fault before an orderly stop, which also releases robot mode, wherever the car is: nothing could do it later."""
 
 
 @dataclass(frozen=True, slots=True)
 class FloorRequest:
-    """What a caller that knows no sessions requests of a lift, in the judge's own words."""
+    """A request to a lift by a caller without sessions, in the terms of the judge."""
 
     lift: str
     holder: Holder
@@ -30,12 +30,12 @@ class FloorRequest:
     hold_door: bool
     robot: RobotWord | None = None
     stays: bool = False
-    """Its session goes on until it is ended."""
+    """Whether its session continues until it is ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForgottenRecords:
-    """What else a world strikes at a restart if the disk did not have the newest of some lifts: a fire or a lockout may be forgotten."""
+    """The fault at a restart for which the disk lacks the newest records of some lifts: a fire or a lockout may be lost."""
 
     lifts: tuple[str, ...]
 
@@ -51,25 +51,25 @@ class FaultChange:
 
 
 class Witness(Protocol):
-    """What a world tells. `at` is the loop's time; nothing is told out of order."""
+    """Receives what happens in a world, in order; `at` is the time of the loop."""
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
-        """What a lift really does, whenever it may have changed."""
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
+        """The physical state of a lift, whenever it may have changed."""
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
-        """A write that the controller took newly asks for these; the truth after it was told just before."""
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """A write newly gave these commands to the controller; `on_truth` with the result came just before."""
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
-        """What anybody who asks is told, and every change that is sent out."""
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
+        """A published state: every reply to a client, and every published change."""
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
-        """A request, what the device made of it, and what comes back, perhaps later."""
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
+        """A request on the wire, how the device handled it, and the reply, which may arrive later."""
 
-    def heard(self, at: float, event: Event) -> None:
-        """What the manager sends out, states apart."""
+    def on_event(self, at: float, event: Event) -> None:
+        """A published event other than a state."""
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
-        """A request to the manager, and why it was refused; None where it was taken."""
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        """A request to the manager, and its refusal; None if it was accepted."""
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """A fault began or ended."""

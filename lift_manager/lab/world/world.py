@@ -1,4 +1,4 @@
-"""A whole site on the loop's own time: simulated lifts, wires without a network, and the manager.
+"""A whole site on the time of the loop: simulated lifts, wires without a network, and the manager.
 
 On a virtual loop (`lift_manager.lab.virtual_time`) an hour takes seconds, and every run of a seed is the same.
 """
@@ -41,18 +41,18 @@ from simulator.registers import RegisterFace
 from simulator.state import Inputs, Parameters, ShownState
 from simulator.wire_faults import Exchange, WireFault, WireFaults
 
-LOOK_S = 0.25
-"""How often somebody asks for the state of every lift. Chosen: more often than any client does."""
+OBSERVE_EVERY_S = 0.25
+"""How often the state of every lift is requested. Chosen: more often than any client does."""
 
 JOURNAL_ROWS = 500
-"""The newest rows of the journal that are kept. Nothing reads them here; the usual number is 10 MB. Chosen."""
+"""Journal rows that are kept. Chosen: nothing reads them here, and the usual number takes 10 MB."""
 
-BEGAN_AT = datetime(2026, 1, 5, 12, tzinfo=UTC)
-"""A Monday noon: robots may begin at any hour that a site is likely to allow. Chosen."""
+START_TIME = datetime(2026, 1, 5, 12, tzinfo=UTC)
+"""Chosen: Monday noon is within the robot hours of most sites."""
 
 
 class WorldError(Exception):
-    """This site cannot be simulated, with the reason."""
+    """This site cannot be simulated; the message says why."""
 
 
 class Passengers(Protocol):
@@ -60,10 +60,10 @@ class Passengers(Protocol):
 
     @property
     def next_at(self) -> float:
-        """When they next want to do something."""
+        """When they next act."""
 
     def act(self, now: float, picture: ShownState, inputs: Inputs) -> Inputs:
-        """Return what they press, hold and block from now on."""
+        """Return their new inputs: what they press, hold and block."""
 
 
 @dataclass(slots=True)
@@ -76,36 +76,40 @@ class SimulatedLift:
     face: RegisterFace
     outputs: Outputs
     controllers: tuple[str, ...]
-    """Where it can be reached: its own controller first, then those of its endpoints."""
+    """Its own controller first, then those of its endpoints."""
     inputs: Inputs
-    """What people and keys do."""
+    """Inputs of people and key switches."""
     people: Passengers | None = None
-    _seen: tuple[ShownState, tuple[Raw, dict[str, int]], Truth] | None = None
+    _cached_truth: tuple[ShownState, tuple[Raw, dict[str, int]], Truth] | None = None
 
     @property
     def truth(self) -> Truth:
-        """What it really does, at its own time; a lift in which nothing has changed has the same truth still.
+        """The physical state; the same object while nothing changes.
 
-        Raises WorldError where the simulator obeys what the judge does not read in its registers, but for holds that its program has
-        taken out of them, as their map says.
+        Raises WorldError if the simulator obeys commands that the judge cannot read in its registers, except holds that its program
+        removes from them, as the map says.
         """
         face, raw = self.face, self.outputs.raw(self.face.cells)
-        taken = dict.fromkeys(face.cleared_holds, 1)
+        held_by_program = dict.fromkeys(face.cleared_holds, 1)
         picture = face.picture
-        if self._seen is not None and self._seen[0] is picture and self._seen[1] == (raw, taken):
-            return self._seen[2]
-        given = {**taken, **self.outputs.asked(raw)}
+        if (
+            self._cached_truth is not None
+            and self._cached_truth[0] is picture
+            and self._cached_truth[1] == (raw, held_by_program)
+        ):
+            return self._cached_truth[2]
+        given = {**held_by_program, **self.outputs.asked(raw)}
         if any(given.get(name) != value for name, value in face.commands.items()):
             raise WorldError(f"{self.name} obeys {dict(face.commands)}, and its registers ask for {dict(given)}")
         truth = truth_of(face, self.floors, given)
-        if self._seen is not None and self._seen[2] == truth:
-            truth = self._seen[2]
-        self._seen = picture, (raw, taken), truth
+        if self._cached_truth is not None and self._cached_truth[2] == truth:
+            truth = self._cached_truth[2]
+        self._cached_truth = picture, (raw, held_by_program), truth
         return truth
 
 
 class World:
-    """Simulated lifts, the weather on their wires, and the manager that drives them."""
+    """Simulated lifts, the faults of their wires, and the manager that drives them."""
 
     def __init__(  # noqa: PLR0913  every argument after the site and its judges is a setting with a default
         self,
@@ -114,49 +118,49 @@ class World:
         *,
         seed: int = 0,
         settings: Mapping[str, Parameters] | None = None,
-        look_s: float = LOOK_S,
+        observe_every_s: float = OBSERVE_EVERY_S,
         clock: Clock | None = None,
         disk: SimulatedDisk | None = None,
         wired: Mapping[str, RegisterMap] | None = None,
     ) -> None:
-        """Put everything together; raises WorldError for two lifts behind one unit.
+        """Assemble the world; raises WorldError for two lifts behind one unit.
 
-        `settings` are those of a lift's controller, by lift; `look_s` is how often somebody asks for states; `disk` holds state
-        and journal, without one commits take no time. `wired` says by which map a lift is really wired, where that of the site
-        is wrong.
+        `settings` are those of the controller of a lift, by lift; `observe_every_s` is how often states are requested; `disk` has records
+        and journal, and without it commits take no time. `wired` has the maps by which lifts are really wired, if those of the site are
+        wrong.
         """
         self.loaded = loaded
         self._wired = wired or {}
         self.lifts: dict[str, SimulatedLift] = {}
-        self.weather: dict[str, WireFaults] = {}
+        self.wire_faults: dict[str, WireFaults] = {}
         """The faults on the wire to each controller."""
         self._witnesses = tuple(witnesses)
-        self._look_s = look_s
+        self._observe_every_s = observe_every_s
         self._units: dict[str, dict[int, Device]] = {name: {} for name in loaded.controllers}
         for name in loaded.site.lifts:
             self.lifts[name] = self._lift(name, (settings or {}).get(name))
         self._given: dict[str, tuple[tuple[str, int], ...]] = dict.fromkeys(self.lifts, ())
-        """What each lift was asked for at the last look, with the floor of a call: another floor is another press."""
+        """The commands of each lift at the last observation, with the floor of a call: another floor is another press."""
         self._controllers: dict[str, MemoryController] = {}
         for number, name in enumerate(loaded.controllers):
-            self.weather[name] = WireFaults(seed=seed * 1000 + number)
-            self.weather[name].on_exchange = partial(self._exchanged, name)
+            self.wire_faults[name] = WireFaults(seed=seed * 1000 + number)
+            self.wire_faults[name].on_exchange = partial(self._exchanged, name)
             behind = [lift.name for lift in self.lifts.values() if name in lift.controllers]
-            self._controllers[name] = MemoryController(self._units[name], partial(self._served, behind))
+            self._controllers[name] = MemoryController(self._units[name], partial(self._after_request, behind))
         self._names = {(spec.host, spec.port): name for name, spec in loaded.controllers.items()}
         self.released = False
-        """Whether every output was seen to be let go at the end."""
+        """Whether the release of every output was verified at the end."""
         self.disk = disk or SimulatedDisk(keep=JOURNAL_ROWS)
         """It outlives every manager."""
         self._clock = clock or office_hours
         self._program: list[asyncio.Task[None]] = []
         """The manager, task by task."""
-        self._hearing = ExitStack()
-        """What it publishes is told at once for as long as this lasts."""
+        self._subscriptions = ExitStack()
+        """Subscriptions to everything that the manager publishes."""
         self.site: Site
-        """As every face sees it; another one after a restart."""
+        """The site as used by faces; a new one after a restart."""
         self.actors: Mapping[str, LiftActor]
-        """What carries out each lift; others after a restart."""
+        """The actor of each lift; new ones after a restart."""
         self.links: tuple[Link, ...]
         self._life: SiteLife
         self._recorder: DiskRecorder
@@ -166,7 +170,7 @@ class World:
     # -- what a scenario does
 
     def request(self, request: FloorRequest) -> RequestRefused | None:
-        """Request something of the manager, as a face does; return why it was refused, None where it was taken."""
+        """Send a request to the manager, as a face does; return its refusal, or None."""
         refused = None
         try:
             self.site.request(
@@ -181,7 +185,7 @@ class World:
             refused = error
         now = _now()
         for witness in self._witnesses:
-            witness.requested(now, request, refused)
+            witness.on_request(now, request, refused)
         return refused
 
     def begin(self, lift: str, fault: Fault) -> None:
@@ -191,28 +195,28 @@ class World:
         self._struck(FaultChange(lift, fault, began=True), (lift,))
 
     def end(self, lift: str, fault: Fault) -> None:
-        """Let it be well again."""
+        """End a fault of a lift or its controller."""
         self.lifts[lift].face.end(fault, _now())
         self._switch(lift, fault, on=True)
         self._struck(FaultChange(lift, fault, began=False), (lift,))
 
-    def spoil(self, controller: str, fault: WireFault) -> None:
+    def begin_wire_fault(self, controller: str, fault: WireFault) -> None:
         """Put a fault on the wire to a controller."""
-        self.weather[controller].add(fault)
+        self.wire_faults[controller].add(fault)
         self._struck(FaultChange(controller, fault, began=True), ())
 
-    def mend(self, controller: str, fault: WireFault) -> None:
-        """Take a fault off the wire again."""
-        self.weather[controller].remove(fault)
+    def end_wire_fault(self, controller: str, fault: WireFault) -> None:
+        """Remove a fault from the wire to a controller."""
+        self.wire_faults[controller].remove(fault)
         self._struck(FaultChange(controller, fault, began=False), ())
 
-    def spoil_disk(self, fault: DiskFault) -> None:
+    def begin_disk_fault(self, fault: DiskFault) -> None:
         """Let the disk fail."""
         self.disk.begin(fault)
         self._struck(FaultChange("disk", fault, began=True), ())
 
-    def mend_disk(self, fault: DiskFault) -> None:
-        """Let it work again."""
+    def end_disk_fault(self, fault: DiskFault) -> None:
+        """End a fault of the disk."""
         self.disk.end(fault)
         self._struck(FaultChange("disk", fault, began=False), ())
 
@@ -220,29 +224,29 @@ class World:
         """Change what people press, hold and turn."""
         self.lifts[lift].inputs = inputs
         self.lifts[lift].face.people(_now(), inputs)
-        self._look((lift,))
+        self._observe((lift,))
 
     def populate(self, lift: str, people: Passengers) -> None:
         """Let passengers use a lift from now on."""
         self.lifts[lift].people = people
 
     def controller(self, name: str) -> MemoryController:
-        """The devices behind one address: what is written to them here is taken for a write of the manager."""
+        """The devices behind one address; direct writes to them count as writes of the manager."""
         return self._controllers[name]
 
     # -- how it runs
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[World]:
-        """Run everything for as long as the context lasts; then let go of everything, as at the end of the program.
+        """Run everything within the context; then release everything, as at the end of the program.
 
-        Raises whatever a part of the manager raised.
+        Raises what a part of the manager raised.
         """
         async with asyncio.TaskGroup() as tasks:
             self._tasks = tasks
-            others = [tasks.create_task(part) for part in (self._watch(), self._inhabit())]
+            others = [tasks.create_task(part) for part in (self._observe_forever(), self._run_people())]
             self._start()
-            self._look(self.lifts)
+            self._observe(self.lifts)
             try:
                 yield self
                 self._struck(FaultChange("manager", STOP, began=True), ())
@@ -251,21 +255,21 @@ class World:
                     async with asyncio.timeout(app.RELEASE_WITHIN_S):
                         await self._life.stop()
                         self.released = True
-                self._look(self.lifts)
+                self._observe(self.lifts)
             finally:
-                self._hearing.close()
+                self._subscriptions.close()
                 for task in (*self._program, *others):
                     task.cancel()
 
     async def restart(self) -> None:
-        """Kill the manager as `kill -9` does, letting go of nothing, and start it again with what it had written down."""
+        """Kill the manager as `kill -9` does, without releases, and restart it with what is on the disk."""
         program, self._program = self._program, []
         for task in program:
             task.cancel()
         await asyncio.gather(*program, return_exceptions=True)
         for controller in self._controllers.values():
             controller.hang_up()
-        self._hearing.close()
+        self._subscriptions.close()
         self._struck(FaultChange("manager", RESTART, began=True), ())
         if forgotten := tuple(self._recorder.unwritten):
             self._struck(FaultChange("disk", ForgottenRecords(forgotten), began=True), ())
@@ -274,51 +278,51 @@ class World:
         self._start()
 
     def forget(self) -> None:
-        """Drop the record of what faults did to the wires: it grows for as long as a world lasts."""
-        for faults in self.weather.values():
+        """Drop the history of wire faults, which grows while a world runs."""
+        for faults in self.wire_faults.values():
             faults.strikes.clear()
 
     def _build(self) -> None:
-        # a recorder of its own: what a killed manager still learns of its presses changes nothing on the disk
+        # a new recorder: what a killed manager still reports must not reach the disk
         self._recorder = DiskRecorder(self.disk)
-        building = app.build(self.loaded, self._wire, recorder=self._recorder, clock=self._clock)
-        self.site, self._life, self.links = building.site, building.life, building.links
-        self.actors = {actor.config.name: actor for actor in building.actors}
+        manager_parts = app.build(self.loaded, self._wire, recorder=self._recorder, clock=self._clock)
+        self.site, self._life, self.links = manager_parts.site, manager_parts.life, manager_parts.links
+        self.actors = {actor.config.name: actor for actor in manager_parts.actors}
 
     def _start(self) -> None:
-        # nothing is missed between one manager and the next: a word of a person that is not heard is missed for the rest of the day
-        self._hearing.enter_context(self.site.tap(self._heard))
-        self._ask_for_states()
+        # subscribe before anything runs: a missed decision of a person would be missing for the rest of the day
+        self._subscriptions.enter_context(self.site.tap(self._publish_event))
+        self._publish_states()
         parts = [*(link.run() for link in self.links), *self._life.drives(), self._life.run()]
         if not self.disk.instant:
             parts.append(self._recorder.run(self.site.report_disk))
         self._program = [self._tasks.create_task(part) for part in parts]
 
-    def _heard(self, said: Occurrence) -> None:
-        if isinstance(said.event, StateChanged):
-            self._told(said.at, said.event.lift, said.event.state)
+    def _publish_event(self, occurrence: Occurrence) -> None:
+        if isinstance(occurrence.event, StateChanged):
+            self._publish_state(occurrence.at, occurrence.event.lift, occurrence.event.state)
             return
         for witness in self._witnesses:
-            witness.heard(said.at, said.event)
+            witness.on_event(occurrence.at, occurrence.event)
 
-    def _ask_for_states(self) -> None:
+    def _publish_states(self) -> None:
         now = _now()
         for name in self.lifts:
-            self._told(now, name, self.site.state(name))
+            self._publish_state(now, name, self.site.state(name))
 
-    def _told(self, now: float, lift: str, state: LiftState) -> None:
+    def _publish_state(self, now: float, lift: str, state: LiftState) -> None:
         for witness in self._witnesses:
-            witness.published(now, lift, state)
+            witness.on_state(now, lift, state)
 
-    async def _watch(self) -> None:
+    async def _observe_forever(self) -> None:
         while True:
-            await asyncio.sleep(self._look_s)
-            self._look(self.lifts)
-            self._ask_for_states()
+            await asyncio.sleep(self._observe_every_s)
+            self._observe(self.lifts)
+            self._publish_states()
 
-    async def _inhabit(self) -> None:
+    async def _run_people(self) -> None:
         while True:
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(OBSERVE_EVERY_S)
             now = _now()
             for lift in self.lifts.values():
                 if lift.people is not None and now >= lift.people.next_at:
@@ -327,7 +331,7 @@ class World:
                     if inputs != lift.inputs:
                         self.set_inputs(lift.name, inputs)
 
-    def _look(self, lifts: Sequence[str] | Mapping[str, SimulatedLift]) -> None:
+    def _observe(self, lifts: Sequence[str] | Mapping[str, SimulatedLift]) -> None:
         now = _now()
         for name in lifts:
             lift = self.lifts[name]
@@ -335,45 +339,45 @@ class World:
             truth = lift.truth
             self._given[name] = truth.given
             for witness in self._witnesses:
-                witness.looked(now, name, truth)
+                witness.on_truth(now, name, truth)
 
-    def _served(self, lifts: Sequence[str], wrote: bool) -> None:  # noqa: FBT001 - it is the one question
+    def _after_request(self, lifts: Sequence[str], wrote: bool) -> None:  # noqa: FBT001 - it is the one question
         before = {name: self._given[name] for name in lifts} if wrote else {}
-        self._look(lifts)
+        self._observe(lifts)
         for name, given in before.items():
             if new := frozenset(command for command, _ in {*self._given[name]} - {*given}):
                 for witness in self._witnesses:
-                    witness.pressed(_now(), name, new)
+                    witness.on_press(_now(), name, new)
 
     def _exchanged(self, controller: str, exchange: Exchange) -> None:
         now = _now()
         for witness in self._witnesses:
-            witness.exchanged(now, controller, exchange)
+            witness.on_exchange(now, controller, exchange)
 
-    def _struck(self, struck: FaultChange, lifts: Sequence[str]) -> None:
+    def _struck(self, change: FaultChange, lifts: Sequence[str]) -> None:
         now = _now()
         for witness in self._witnesses:
-            witness.struck(now, struck)
-        self._look(lifts)
+            witness.on_fault(now, change)
+        self._observe(lifts)
 
     def _switch(self, lift: str, fault: Fault, *, on: bool) -> None:
-        """Take the devices of a lift off the network, or put them on it, where that is what a fault does."""
-        own = self._controllers[self.lifts[lift].controllers[0]]
+        """Connect or disconnect the devices of a lift, if that is the effect of a fault."""
+        controller = self._controllers[self.lifts[lift].controllers[0]]
         if isinstance(fault, Reboot | PowerLoss):
-            own.switch(on=on)
+            controller.switch(on=on)
         elif isinstance(fault, SlotKept):
-            own.keeps_slot = not on
+            controller.keeps_slot = not on
 
     def _wire(self, controller: Controller) -> Wire:
         name = self._names[controller.host, controller.port]
-        return FaultyWire(self._controllers[name], self.weather[name], peer=name)
+        return FaultyWire(self._controllers[name], self.wire_faults[name], peer=name)
 
-    def _lift(self, name: str, like: Parameters | None) -> SimulatedLift:
+    def _lift(self, name: str, parameters: Parameters | None) -> SimulatedLift:
         spec = self.loaded.site.lifts[name]
         source = self._wired.get(name, self.loaded.maps[name].map)
         codec = compile_map(source, offset=spec.offset)
         floors = {floor: entry.code for floor, entry in spec.floors.items()}
-        face = simulated_lift(codec, floors, like=like, speed=like.speed if like is not None else 1.0)
+        face = simulated_lift(codec, floors, like=parameters, speed=parameters.speed if parameters is not None else 1.0)
         places = devices(self.loaded.site, spec, source)
         for endpoint, place in places.items():
             units = self._units[place.controller]
@@ -388,7 +392,7 @@ class World:
 
 def office_hours() -> datetime:
     """Return the time of day in a building where the world began at noon on a Monday."""
-    return BEGAN_AT + timedelta(seconds=_now())
+    return START_TIME + timedelta(seconds=_now())
 
 
 def _now() -> float:

@@ -98,13 +98,13 @@ def test_a_command_is_a_line_with_its_times_and_what_becomes_of_it(found: IoList
         wire="117",
         unit_id=1,
         function="write FC06, read FC03",
-        values="1 = on, 0 = let go",
+        values="1 = on, 0 = released",
         contact="number, no contact",
-        times="held until let go, at most 30 s unless wanted anew; written again every 1 s; cleared by the"
+        times="held until released, at most 30 s unless renewed; written again every 1 s; cleared by the"
         " controller after 27 s, to see it written again",
         supplied_by="lift manager",
         remarks=(
-            "close_door.front is let go first; when the link is lost: the watchdog of the controller lets go; "
+            "close_door.front is released first; when the link is lost: the watchdog of the controller releases it; "
             "1 = open the door and hold it; the controller lets go 3 s after the last write. After 27 s it takes the 1 out of "
             "its cell, and goes on holding where it is written again"
         ),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.commissioning import maps_list, maps_text
-from lift_manager.commissioning.maps_list import WIDTH, MapLine, map_line, shipped_maps
+from lift_manager.commissioning.maps_list import WIDTH, MapSummary, shipped_maps, summarize_map
 from lift_manager.commissioning.maps_show import MapSheet, map_sheet, side_by_side
 from register_maps.codec import compile_map
 from register_maps.load import MapChanges, load, shipped
@@ -76,7 +76,7 @@ def test_every_shipped_map_is_listed_once() -> None:
 
 @each_row("name", FEATURES)
 def test_the_features_of_a_map_are_told_in_words(name: str) -> None:
-    line = asdict(map_line(load(name)))
+    line = asdict(summarize_map(load(name)))
     assert {key: line[key] for key in FEATURES[name]} == FEATURES[name]
 
 
@@ -99,7 +99,7 @@ def test_a_map_that_only_looks_is_listed_as_one(tmp_path: Path) -> None:
         "  mode: {at: 'input:2', values: {1: normal, 2: inspection}}\n"
         "at_floor_evidence: {kind: position_stable, for_s: 2}\nnot_visible: {fire: no bit for it}\n"
     )
-    line: MapLine = map_line(load(path))
+    line: MapSummary = summarize_map(load(path))
     assert (line.calls, line.door_commands) == ("none: the map only looks", "none")
     assert line.position == "gray code of 5 bits"
     assert line.at_floor == "floor unchanged for 2 s"
@@ -155,12 +155,12 @@ def test_generic_registers_is_shown_in_these_words() -> None:
     start = lines.index("  hold_door.front: opens the front door and keeps it open, as the door-open button does")
     assert lines[start + 1 : start + 10] == [
         "      holding:17   on the wire: holding 17   FC06 (write one register), read back with FC03",
-        "      1 = on, 0 = let go",
-        "      held until let go, at most 30 s unless wanted anew; written again every 1 s; cleared by the",
+        "      1 = on, 0 = released",
+        "      held until released, at most 30 s unless renewed; written again every 1 s; cleared by the",
         "        controller after 27 s, to see it written again",
-        "      close_door.front is let go first",
+        "      close_door.front is released first",
         "      proof: the output reads back as written, within 2 s",
-        "      when the link is lost: the watchdog of the controller lets go",
+        "      when the link is lost: the watchdog of the controller releases it",
         "      note: 1 = open the door and hold it; the controller lets go 3 s after the last write. After 27",
         "        s it takes the 1 out of its cell, and goes on holding where it is written again",
     ]

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.model import Command
-from lift_manager.commissioning.maps_plan import Part, Plan, PlannedRequest, lines, plan
+from lift_manager.commissioning.maps_plan import Plan, PlannedRequest, PlanSection, lines, plan
 from register_maps.load import MapChanges, load
 from tests.register_maps.golden.vectors import Golden, frames_of
 from tests.register_maps.test_golden_vectors import GOLDEN
@@ -13,44 +13,44 @@ each_map = pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.t
 
 GENERIC_REGISTERS = """\
 One poll: 1 request, so 1 round trip
-  each poll   what the lift says of alive, car_floor, motion, door.front, mode, fire, robot_mode_on,
+  each poll   signals of the lift: alive, car_floor, motion, door.front, mode, fire, robot_mode_on,
               level, obstruction.front, overload, destination, call_accepted: read 8 holding
               registers from 0, unit 1
               00 00 00 06 01 03 00 00 00 08
 
 On a new connection, after the first poll and before anything is written
-  once        what our outputs hold of go_to: read 1 holding register from 16, unit 1
+  once        state of our outputs: go_to: read 1 holding register from 16, unit 1
               00 00 00 06 01 03 00 10 00 01
-  once        what our outputs hold of hold_door.front: read 1 holding register from 17, unit 1
+  once        state of our outputs: hold_door.front: read 1 holding register from 17, unit 1
               00 00 00 06 01 03 00 11 00 01
-  once        what our outputs hold of robot_mode: read 1 holding register from 18, unit 1
+  once        state of our outputs: robot_mode: read 1 holding register from 18, unit 1
               00 00 00 06 01 03 00 12 00 01
-  once        what our outputs hold of close_door.front: read 1 holding register from 19, unit 1
+  once        state of our outputs: close_door.front: read 1 holding register from 19, unit 1
               00 00 00 06 01 03 00 13 00 01
 
-go_to B1 (code -1): pressed for 0.5 s, then let go
+go_to B1 (code -1): pressed for 0.5 s, then released
   0 s         press: write holding register 16 := 65535, unit 1
               00 00 00 06 01 06 00 10 FF FF
-  0.5 s       let go: write holding register 16 := 0, unit 1
+  0.5 s       release: write holding register 16 := 0, unit 1
               00 00 00 06 01 06 00 10 00 00
   0.5 s       read back: read 1 holding register from 16, unit 1
               00 00 00 06 01 03 00 10 00 01
 
-go_to L2 (code 2): all else as for B1
+go_to L2 (code 2): otherwise as for B1
   0 s         press: write holding register 16 := 2, unit 1
               00 00 00 06 01 06 00 10 00 02
 
-hold_door.front: held until let go, at most 30 s unless wanted anew; written again every 1 s;
-  cleared by the controller after 27 s, to see it written again
+hold_door.front: held until released, at most 30 s unless renewed; written again every 1 s; cleared
+  by the controller after 27 s, to see it written again
   0 s         press: write holding register 17 := 1, unit 1
               00 00 00 06 01 06 00 11 00 01
   0 s         read back: read 1 holding register from 17, unit 1
               00 00 00 06 01 03 00 11 00 01
-  1 s         is it still on: read 1 holding register from 17, unit 1
+  1 s         check that it is still on: read 1 holding register from 17, unit 1
               00 00 00 06 01 03 00 11 00 01
   1 s         written again: write holding register 17 := 1, unit 1
               00 00 00 06 01 06 00 11 00 01
-  at the end  let go: write holding register 17 := 0, unit 1
+  at the end  release: write holding register 17 := 0, unit 1
               00 00 00 06 01 06 00 11 00 00
   at the end  read back: read 1 holding register from 17, unit 1
               00 00 00 06 01 03 00 11 00 01
@@ -58,32 +58,32 @@ hold_door.front: held until let go, at most 30 s unless wanted anew; written aga
 
 TWO_STOP_AGV = """\
 One poll: 1 request, so 1 round trip
-  each poll   what the lift says of door.front, car_floor, robot_mode_on, fault: read 6 discrete
+  each poll   signals of the lift: door.front, car_floor, robot_mode_on, fault: read 6 discrete
               inputs from 0, unit 1
               00 00 00 06 01 02 00 00 00 06
 
 On a new connection, after the first poll and before anything is written
-  once        what our outputs hold of go_to, hold_door.front, close_door.front: read 4 coils from
-              0, unit 1
+  once        state of our outputs: go_to, hold_door.front, close_door.front: read 4 coils from 0,
+              unit 1
               00 00 00 06 01 01 00 00 00 04
 
-go_to 4F (code 0): held until the car is there, at most 120 s unless wanted anew; written again
-  every 2 s
+go_to 4F (code 0): held until the car is there, at most 120 s unless renewed; written again every 2
+  s
   0 s         press: write 4 coils from 0 := on off off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 01
-  2 s         is it still on: read 4 coils from 0, unit 1
+  2 s         check that it is still on: read 4 coils from 0, unit 1
               00 00 00 06 01 01 00 00 00 04
   2 s         written again: write 4 coils from 0 := on off off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 01
-  at the end  let go: write 4 coils from 0 := off off off off, unit 1
+  at the end  release: write 4 coils from 0 := off off off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 00
   at the end  read back: read 4 coils from 0, unit 1
               00 00 00 06 01 01 00 00 00 04
 
-go_to 5F (code 1): all else as for 4F
+go_to 5F (code 1): otherwise as for 4F
   0 s         press: write 4 coils from 0 := off on off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 02
-  2 s         is it still on: read 4 coils from 0, unit 1
+  2 s         check that it is still on: read 4 coils from 0, unit 1
               00 00 00 06 01 01 00 00 00 04
   2 s         written again: write 4 coils from 0 := off on off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 02
@@ -97,23 +97,23 @@ def planned(golden: Golden) -> Plan:
 
 def typed(one: PlannedRequest) -> str:
     """A request as the golden vectors have it."""
-    device = f"{one.heard.endpoint}: " if one.heard.endpoint else ""
+    device = f"{one.received.endpoint}: " if one.received.endpoint else ""
     return device + one.bytes_hex
 
 
-def part_of(found: Plan, command: Command) -> list[Part]:
+def part_of(found: Plan, command: Command) -> list[PlanSection]:
     """The parts of a command; of a call also that to the first floor, to which the others refer."""
     return [part for part in found.commands if part.heading.split(" ")[0] == command.name]
 
 
 @each_map
 def test_a_poll_is_the_typed_requests_and_nothing_else(golden: Golden) -> None:
-    assert tuple(map(typed, planned(golden).poll.sent)) == frames_of(golden.poll)
+    assert tuple(map(typed, planned(golden).poll.requests)) == frames_of(golden.poll)
 
 
 @each_map
 def test_a_new_connection_asks_for_our_outputs_by_the_typed_requests(golden: Golden) -> None:
-    assert [typed(one) for one in planned(golden).connected.sent] == [request for request, _ in golden.takes_over]
+    assert [typed(one) for one in planned(golden).connected.requests] == [request for request, _ in golden.takes_over]
 
 
 @each_map
@@ -122,7 +122,7 @@ def test_every_typed_request_of_a_command_is_planned_for_it(golden: Golden) -> N
     for vector in golden.does:
         if vector.before is not None:
             continue  # the command before it changes the words that both share
-        sent = {typed(one) for part in part_of(found, vector.command) for one in part.sent}
+        sent = {typed(one) for part in part_of(found, vector.command) for one in part.requests}
         assert {step.request for step in vector.exchanges} <= sent, vector.words
 
 
@@ -134,13 +134,13 @@ def test_the_first_typed_write_of_a_command_is_planned_to_leave_first(golden: Go
         if vector.before is None and vector.command.floor is not None:
             parts = [part for part in parts if part.heading.split(" ")[1] == vector.command.floor]
         if vector.before is None:
-            assert typed(parts[0].sent[0]) == vector.exchanges[0].request, vector.words
+            assert typed(parts[0].requests[0]) == vector.exchanges[0].request, vector.words
 
 
 @pytest.mark.parametrize("golden", [golden for golden in GOLDEN if golden.cycle], ids=lambda golden: golden.title)
 def test_a_block_that_is_written_all_the_time_is_planned_once(golden: Golden) -> None:
     assert golden.cycle is not None
-    (one,) = planned(golden).always.sent
+    (one,) = planned(golden).always.requests
     assert typed(one) == golden.cycle[0]
     assert f"every {golden.cycle_s:g} s" in one.purpose
 
@@ -159,7 +159,9 @@ def sent_by(text: str) -> list[str]:
     """When, what for and the bytes of every command of a map written down here."""
     found = plan(written_map(text).map, {"L1": 1, "L2": 2})
     return [
-        f"{one.when} {one.purpose}: {one.bytes_hex}" for part in (found.always, *found.commands) for one in part.sent
+        f"{one.when} {one.purpose}: {one.bytes_hex}"
+        for part in (found.always, *found.commands)
+        for one in part.requests
     ]
 
 
@@ -171,12 +173,12 @@ commands:
     {at: "holding:5.0", action: hold, max_hold_s: 30, on_link_loss: latches, shared_word: accepted,
      confirm: {any_of: [readback], within_s: 2}}
 """) == [
-        "0 s read afresh, because others use this register too: 00 00 00 06 01 03 00 05 00 01",
+        "0 s read first, because others use this register too: 00 00 00 06 01 03 00 05 00 01",
         "0 s press: 00 00 00 06 01 06 00 05 00 01",
         "0 s read back: 00 00 00 06 01 03 00 05 00 01",
         "2 s read back: 00 00 00 06 01 03 00 05 00 01",
-        "at the end read afresh, because others use this register too: 00 00 00 06 01 03 00 05 00 01",
-        "at the end let go: 00 00 00 06 01 06 00 05 00 00",
+        "at the end read first, because others use this register too: 00 00 00 06 01 03 00 05 00 01",
+        "at the end release: 00 00 00 06 01 06 00 05 00 00",
         "at the end read back: 00 00 00 06 01 03 00 05 00 01",
     ]
 
@@ -204,7 +206,7 @@ commands:
         "0 s heartbeat, every 0.5 s: 00 00 00 06 01 06 00 29 00 01",
         "0.5 s heartbeat, every 0.5 s: 00 00 00 06 01 06 00 29 00 02",
         "0 s press: 00 00 00 06 01 05 00 03 FF 00",
-        "1 s let go: 00 00 00 06 01 05 00 03 00 00",
+        "1 s release: 00 00 00 06 01 05 00 03 00 00",
         "1 s read back: 00 00 00 06 01 01 00 03 00 01",
     ]
 
@@ -232,7 +234,7 @@ commands:
         "0 s press: 00 00 00 06 01 05 00 03 FF 00",
         "1 s end of one press: 00 00 00 06 01 05 00 03 00 00",
         "4 s written again: 00 00 00 06 01 05 00 03 FF 00",
-        "at the end let go: 00 00 00 06 01 05 00 03 00 00",
+        "at the end release: 00 00 00 06 01 05 00 03 00 00",
         "at the end read back: 00 00 00 06 01 01 00 03 00 01",
     ]
 
@@ -246,7 +248,7 @@ signals:
   overload: {at: "holding:5"}
 """).map
     )
-    assert [(one.words, one.bytes_hex) for one in found.poll.sent] == [
+    assert [(one.words, one.bytes_hex) for one in found.poll.requests] == [
         ("read 1 holding register from 5, unit 1", "00 00 00 06 01 03 00 05 00 01"),
         ("read 1 discrete input from 3, unit 7 (sensor)", "00 00 00 06 07 02 00 03 00 01"),
     ]
@@ -254,8 +256,8 @@ signals:
 
 
 def test_a_device_with_outputs_only_is_polled_for_one_of_them() -> None:
-    (one,) = plan(load("adam-pushbutton").map).poll.sent
-    assert one.purpose == "one of our outputs, to see that the device is there"
+    (one,) = plan(load("adam-pushbutton").map).poll.requests
+    assert one.purpose == "one of our outputs, to check that the device is connected"
     assert one.bytes_hex == "00 00 00 06 01 01 00 10 00 01"
 
 

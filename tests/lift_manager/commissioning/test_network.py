@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lift_manager.commissioning import maps_plan
 from lift_manager.commissioning.network.build import network
-from lift_manager.commissioning.network.errors import NetworkRefused
+from lift_manager.commissioning.network.errors import UnknownHost
 from lift_manager.commissioning.network.gaps import address_gaps, unit_gaps
 from lift_manager.commissioning.network.model import Network, Span, joined
 from lift_manager.config.load import load_site
@@ -79,16 +79,16 @@ def test_every_request_of_a_maps_plan_is_let_through_and_every_write_of_it_has_i
     name: str, tmp_path: Path
 ) -> None:
     source = load(name).map
-    planned = [sent.heard for part in maps_plan.plan(source).parts for sent in part.sent]
+    planned = [sent.received for part in maps_plan.plan(source).parts for sent in part.requests]
     codes = set(maps_plan.example_floors(compile_map(source)).values())
     assert planned
     assert len(codes) >= 2
     path = written(tmp_path, text=_site_of(name, sorted(codes)))
     units = [unit for station in found(path).stations for unit in station.units]
-    for heard in planned:
-        cells = {(heard.request.table, heard.request.address + step) for step in range(heard.request.count)}
-        if heard.request.is_write:
-            spans = [w.span for unit in units for w in unit.writes if w.function == heard.request.function]
+    for received in planned:
+        cells = {(received.request.table, received.request.address + step) for step in range(received.request.count)}
+        if received.request.is_write:
+            spans = [w.span for unit in units for w in unit.writes if w.function == received.request.function]
         else:
             spans = [span for unit in units for span in unit.reads]
         assert cells <= {(span.table, address) for span in spans for address in range(span.start, span.last + 1)}
@@ -202,7 +202,7 @@ def test_a_controller_given_by_name_is_looked_up_and_the_file_says_so(tmp_path: 
 
 def test_a_name_that_nobody_knows_is_refused_in_words(tmp_path: Path) -> None:
     with pytest.raises(
-        NetworkRefused, match=r"controller plc: nobody here knows the address of plc\.example.*write the address"
+        UnknownHost, match=r"controller plc: this computer cannot resolve plc\.example.*write the address"
     ):
         found(written(tmp_path, "plc.example"))
 

@@ -64,33 +64,33 @@ SIGNALS = [
 COMMANDS = [
     (
         "close_door.front: {at: 'coil:1', action: pulse, width_s: 1}",
-        "1 = on, 0 = let go",
-        "pressed for 1 s, then let go",
+        "1 = on, 0 = released",
+        "pressed for 1 s, then released",
     ),
     (
         "close_door.front: {at: 'coil:1', action: pulse, width_s: 1, press: 0, rest: 1}",
-        "0 = on, 1 = let go",
-        "pressed for 1 s, then let go",
+        "0 = on, 1 = released",
+        "pressed for 1 s, then released",
     ),
     (
         "close_door.front: {at: 'coil:1', action: pulse, width_s: 1, reset_first_s: 0.5, min_repeat_s: 5}",
-        "1 = on, 0 = let go",
-        "pressed for 1 s, then let go; the rest value is written 0.5 s before each press; at least 5 s from press to press",
+        "1 = on, 0 = released",
+        "pressed for 1 s, then released; the rest value is written 0.5 s before each press; at least 5 s from press to press",
     ),
     (
         "go_to: {at: 'holding:1', type: int16, as: floor, action: pulse, width_s: 1}",
         "signed number, the code of a floor; 0 = no command",
-        "pressed for 1 s, then let go",
+        "pressed for 1 s, then released",
     ),
     (
         "go_to: {at: 'holding:1', as: floor, code: bcd, byte_order: low_first, action: pulse, width_s: 1}",
         "BCD number, low byte first, the code of a floor; 0 = no command",
-        "pressed for 1 s, then let go",
+        "pressed for 1 s, then released",
     ),
     (
         "go_to: {one_of: ['coil:1', 'coil:2'], codes: [1, 2], action: pulse, width_s: 1}",
-        "one output per floor, for the codes 1, 2; 1 = on, 0 = let go",
-        "pressed for 1 s, then let go",
+        "one output per floor, for the codes 1, 2; 1 = on, 0 = released",
+        "pressed for 1 s, then released",
     ),
     (
         "go_to: {at: 'holding:1', as: floor, action: pulse, width_s: 5, timed_by: device, rest: 9}",
@@ -99,18 +99,18 @@ COMMANDS = [
     ),
     (
         "go_to: {one_of: ['coil:1', 'coil:2'], action: hold, max_hold_s: 60, refresh_s: 2, until: arrived, on_link_loss: latches}",
-        "one output per floor, lowest first; 1 = on, 0 = let go",
-        "held until the car is there, at most 60 s unless wanted anew; written again every 2 s",
+        "one output per floor, lowest first; 1 = on, 0 = released",
+        "held until the car is there, at most 60 s unless renewed; written again every 2 s",
     ),
     (
         "hold_door.front: {at: 'holding:1', action: hold, max_hold_s: 5, refresh_s: 2, on_link_loss: timed_by_device, payload: {time: max_hold_s, unit_s: 0.5}}",
-        "the time it is to last (10 counts of 0.5 s) is written; 0 lets go",
-        "held until let go, at most 5 s unless wanted anew; written again every 2 s",
+        "the time it is to last (10 counts of 0.5 s) is written; 0 releases it",
+        "held until released, at most 5 s unless renewed; written again every 2 s",
     ),
     (
         "hold_door.front: {at: 'coil:1', action: hold, max_hold_s: 30, repeat_pulse_s: 4, width_s: 1, on_link_loss: latches}",
-        "1 = on, 0 = let go",
-        "held until let go, at most 30 s unless wanted anew; made of presses of 1 s, every 4 s",
+        "1 = on, 0 = released",
+        "held until released, at most 30 s unless renewed; made of presses of 1 s, every 4 s",
     ),
     (
         "go_to: {one_of: ['coil:512', 'coil:513'], action: pulse, width_s: 0.5, timed_by: device, payload: {time: width_s, unit_s: 0.1}}",
@@ -162,13 +162,13 @@ commands:
     mode, hold, close = (codec.commands[name].spec for name in ("robot_mode", "hold_door.front", "close_door.front"))
     assert wording.conditions(mode) == "only while ready reads yes; granted by robot_mode_on, within 600 s"
     assert wording.conditions(hold) == (
-        "only while ready and robot_mode_on read yes; close_door.front is let go 0.5 s before"
+        "only while ready and robot_mode_on read yes; close_door.front is released 0.5 s before"
     )
     assert wording.conditions(close) == ""
     assert wording.confirmation(mode) == "the lift does it, within 600 s"
     assert wording.confirmation(hold) == "may_enter shows it or the output reads back as written, within 2 s"
-    assert wording.link_loss(mode) == "the watchdog of the controller lets go"
-    assert wording.link_loss(hold) == "STAYS ON: nothing lets go"
+    assert wording.link_loss(mode) == "the watchdog of the controller releases it"
+    assert wording.link_loss(hold) == "STAYS ON: nothing releases it"
     assert wording.link_loss(close) == "a press that is on STAYS ON until the manager is back"
 
 

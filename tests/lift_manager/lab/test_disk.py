@@ -8,7 +8,7 @@ import pytest
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.disk import DiskFault, DiskJobs, DiskRecorder, Pace, SimulatedDisk
-from lift_manager.lab.world.world import BEGAN_AT
+from lift_manager.lab.world.world import START_TIME
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.lift.record import DurableRecord
 from lift_manager.runtime.recorder import SavedLift
@@ -16,7 +16,7 @@ from lift_manager.store.committer import ANSWER_S, LINGER_S
 
 ROW = Row(RowKind.PRESS, "go_to L2 is to be pressed", "lift", data={"command": "go_to"})
 REQUEST = Row(RowKind.REQUEST, "asks for L2", "lift")
-FIRE = SavedLift(DurableRecord(fire_since=BEGAN_AT))
+FIRE = SavedLift(DurableRecord(fire_since=START_TIME))
 QUICK = Pace(0.01, 0.01)
 
 

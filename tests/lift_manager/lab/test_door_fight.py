@@ -42,7 +42,7 @@ class Watcher(Witness):
         self._held_at = 0.0
         self._is_on = False
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         is_on = HOLD in truth.commands
         if self._is_on and not is_on:
             self.dropped_at.append(at)
@@ -50,26 +50,26 @@ class Watcher(Witness):
             self._held_at = at
         self._is_on = is_on
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         self.pressed_at += [at] * (HOLD in commands)
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         self.door = state.robot_door
         if state.robot_door is RobotDoor.OPEN and state.holder is not None:
             self.opens += 1
             if not self._is_on and at - self._held_at > SEEN_WITHIN_S:
                 self.lies.append(at)
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         pass
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         pass
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         pass
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         if isinstance(event, Alarm):
             self.alarms.append((at, event.text))
 

@@ -8,11 +8,11 @@ import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.judged import DoorBy, Excuse, MapEvidence, SuspectValues
-from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.lift_under_test import DoorEvidence, Excuse, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.oracle_setup import oracle_of
+from lift_manager.lab.world.requested_outputs import is_output_requested
 from lift_manager.lab.world.rules import Rules
-from lift_manager.lab.world.wanted import is_requested
 from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
 from lift_manager.lab.world.world import World
 from lift_manager.lift.events import CommandEnded, HandedOver, SessionOpened, SessionRestored
@@ -37,7 +37,7 @@ FRONT = frozenset({"hold_door.front"})
 
 def judged(name: str, check: Callable[[World], Awaitable[None]]) -> list[str]:
     """Let something happen in a world of one lift of a map, and return the rules that it breaks."""
-    oracle = judge_of(loaded_site(name, 900.0, 300.0, 5.0))
+    oracle = oracle_of(loaded_site(name, 900.0, 300.0, 5.0))
 
     async def main() -> list[str]:
         world = World(
@@ -101,7 +101,7 @@ def test_no_fault_excuses_a_press_in_a_lockout(name: str, fault: Fault | None, c
 def test_a_wire_that_is_a_little_slow_does_not_excuse_an_output_for_nobody(fault: WireFault | None) -> None:
     async def check(world: World) -> None:
         if fault is not None:
-            world.spoil("plc", fault)
+            world.begin_wire_fault("plc", fault)
         for _ in range(40):
             world.lifts[LIFT].face.write(Table.COIL, 3, (1,), asyncio.get_running_loop().time())
             await elapse(0.5)
@@ -112,13 +112,13 @@ def test_a_wire_that_is_a_little_slow_does_not_excuse_an_output_for_nobody(fault
 @pytest.mark.parametrize("works_every_s", [0.4, 4.0])
 def test_a_wire_that_fails_now_and_then_gives_only_the_time_that_it_takes(works_every_s: float) -> None:
     oracle = judge(blocks=frozenset())
-    oracle.looked(0.0, "lift", HELD)
-    oracle.published(0.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING))
+    oracle.on_truth(0.0, "lift", HELD)
+    oracle.on_state(0.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING))
     at = 0.2
     while at < 10.0:
         fails = at % works_every_s > works_every_s / 2
-        oracle.exchanged(at, "plc", answered(at, came=b"" if fails else b"right"))
-        oracle.looked(at, "lift", HELD)
+        oracle.on_exchange(at, "plc", answered(at, came=b"" if fails else b"right"))
+        oracle.on_truth(at, "lift", HELD)
         at += 0.2
     assert found(oracle) == ["output on too long"]
 
@@ -126,15 +126,15 @@ def test_a_wire_that_fails_now_and_then_gives_only_the_time_that_it_takes(works_
 def test_a_release_that_fails_is_tried_again_soon_and_a_manager_that_does_not_try_is_found() -> None:
     def on_for(seconds: float, *, writes_every_s: float | None) -> list[str]:
         oracle = judge(blocks=frozenset())
-        oracle.looked(0.0, "lift", HELD)
-        oracle.published(0.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING))
+        oracle.on_truth(0.0, "lift", HELD)
+        oracle.on_state(0.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING))
         at, wrote_at = 0.2, 0.0
         while at < seconds:
-            oracle.exchanged(at, "plc", answered(at))
+            oracle.on_exchange(at, "plc", answered(at))
             if writes_every_s is not None and at - wrote_at >= writes_every_s:
                 wrote_at = at
-                oracle.exchanged(at, "plc", failed_write(at))
-            oracle.looked(at, "lift", HELD)
+                oracle.on_exchange(at, "plc", failed_write(at))
+            oracle.on_truth(at, "lift", HELD)
             at += 0.2
         return found(oracle)
 
@@ -170,9 +170,9 @@ def test_an_output_is_wanted_for_what_its_holder_asked_for(
     given: tuple[str, int], hold_door: bool, is_found: bool
 ) -> None:
     oracle = judge()
-    oracle.looked(0.0, "lift", replace(SHUT, given=(given,)))
-    oracle.requested(0.0, FloorRequest("lift", ROBOT, "L1", hold_door=hold_door), None)
-    oracle.published(0.0, "lift", state(robot_door=RobotDoor.MOVING))
+    oracle.on_truth(0.0, "lift", replace(SHUT, given=(given,)))
+    oracle.on_request(0.0, FloorRequest("lift", ROBOT, "L1", hold_door=hold_door), None)
+    oracle.on_state(0.0, "lift", state(robot_door=RobotDoor.MOVING))
     polled(oracle, 5.0, replace(SHUT, given=(given,)), since=0.2)
     assert ("output on too long" in found(oracle)) is is_found
 
@@ -184,7 +184,7 @@ def lies(truth: object = STANDS_OPEN, *, shows: MapEvidence | None = None, **sai
     """Publish a state over a lift that has long been like this, and return the rules that it breaks."""
     oracle = judge(shows=shows or MapEvidence())
     polled(oracle, 9.8, truth)  # type: ignore[arg-type]  # a Truth
-    oracle.published(9.9, "lift", state(age_s=0.1, **({"robot_door": RobotDoor.MOVING} | said)))
+    oracle.on_state(9.9, "lift", state(age_s=0.1, **({"robot_door": RobotDoor.MOVING} | said)))
     return found(oracle)
 
 
@@ -221,9 +221,9 @@ def test_floor_motion_mode_and_doors_of_a_live_state_are_judged(
 
 def test_one_contact_or_a_mode_that_nothing_tells_is_not_held_against_the_manager() -> None:
     half = replace(AT_L2, doors=((Side.FRONT, Door.CLOSING),))
-    assert lies(half, shows=MapEvidence(door_by=DoorBy.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == []
+    assert lies(half, shows=MapEvidence(door_by=DoorEvidence.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == []
     assert lies(replace(AT_L2, mode=Mode.FIRE), shows=MapEvidence(modes=frozenset()), mode=Mode.NORMAL) == []
-    assert lies(AT_L2, shows=MapEvidence(door_by=DoorBy.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == [
+    assert lies(AT_L2, shows=MapEvidence(door_by=DoorEvidence.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == [
         "said another door"
     ]
 
@@ -233,9 +233,9 @@ def test_registers_that_stand_still_excuse_only_what_was_so_when_they_came_to() 
         excuse = {"frozen_registers": Excuse(frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT}), None)}
         oracle = judge(excuses=excuse)
         polled(oracle, 2.0)
-        oracle.struck(2.0, FaultChange("lift", device.FrozenRegisters(), began=True))
+        oracle.on_fault(2.0, FaultChange("lift", device.FrozenRegisters(), began=True))
         polled(oracle, 6.0, SHUT, since=2.2)
-        oracle.published(6.1, "lift", state(floor=floor))
+        oracle.on_state(6.1, "lift", state(floor=floor))
         return found(oracle)
 
     assert said_open_at("L2") == []
@@ -252,7 +252,7 @@ def test_a_press_into_a_lift_that_keeps_robots_off_is_found_where_it_tells_so() 
     def pressed(bars: frozenset[str]) -> list[str]:
         oracle = judge(shows=MapEvidence(bars=bars))
         polled(oracle, 9.8, replace(STANDS_OPEN, bars=frozenset({"robots_allowed"})))
-        oracle.pressed(9.9, "lift", frozenset({"go_to"}))
+        oracle.on_press(9.9, "lift", frozenset({"go_to"}))
         return found(oracle)
 
     assert pressed(frozenset({"robots_allowed"})) == ["pressed while kept off"]
@@ -263,15 +263,15 @@ def test_a_read_back_of_our_own_call_confirms_nothing_where_the_car_has_to() -> 
     oracle = judge(shows=MapEvidence(proofs={"go_to": frozenset({Proof.EFFECT})}))
     polled(oracle, 1.0, replace(STANDS_OPEN, calls=frozenset({"L1"})))
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), grant_missing=False)
-    oracle.heard(1.1, CommandEnded("lift", outcome))
+    oracle.on_event(1.1, CommandEnded("lift", outcome))
     assert found(oracle) == ["confirmed by what proves nothing"]
 
 
 def test_a_door_that_was_at_both_ends_was_between_them_as_well() -> None:
     oracle = judge()
     polled(oracle, 4.0, replace(AT_L2, doors=((Side.FRONT, Door.CLOSED),)))
-    oracle.looked(4.1, "lift", AT_L2)
-    oracle.published(4.2, "lift", state(age_s=0.3, robot_door=RobotDoor.MOVING, doors={Side.FRONT: Door.MOVING}))
+    oracle.on_truth(4.1, "lift", AT_L2)
+    oracle.on_state(4.2, "lift", state(age_s=0.3, robot_door=RobotDoor.MOVING, doors={Side.FRONT: Door.MOVING}))
     assert found(oracle) == []
 
 
@@ -282,13 +282,13 @@ def said_open(after_s: float, *, age_s: float = 0.0, ours: bool = False) -> list
     """A robot is invited so long after the hold fell, by a write of ours or by itself."""
     oracle = judge(holds=FRONT)
     rules = Rules(oracle)
-    rules.looked(0.0, "lift", STANDS_OPEN)
-    rules.looked(1.0, "lift", HELD)
-    rules.looked(9.0, "lift", STANDS_OPEN)
+    rules.on_truth(0.0, "lift", STANDS_OPEN)
+    rules.on_truth(1.0, "lift", HELD)
+    rules.on_truth(9.0, "lift", STANDS_OPEN)
     if ours:
         released = replace(failed_write(9.0), executed=True, answers=((9.0, b"ok"),))
-        rules.exchanged(9.0, "plc", released)
-    rules.published(9.0 + after_s, "lift", state(age_s=age_s))
+        rules.on_exchange(9.0, "plc", released)
+    rules.on_state(9.0 + after_s, "lift", state(age_s=age_s))
     return found(oracle)
 
 
@@ -306,11 +306,11 @@ def test_a_hold_that_we_released_is_missed_at_once() -> None:
 def test_an_invitation_on_a_reading_from_before_the_hold_is_found() -> None:
     oracle = judge(holds=FRONT)
     rules = Rules(oracle)
-    rules.looked(0.0, "lift", STANDS_OPEN)
-    rules.looked(9.0, "lift", HELD)
-    rules.published(9.1, "lift", state(age_s=0.2))
+    rules.on_truth(0.0, "lift", STANDS_OPEN)
+    rules.on_truth(9.0, "lift", HELD)
+    rules.on_state(9.1, "lift", state(age_s=0.2))
     assert found(oracle) == ["said open on a reading from before the hold"]
-    rules.published(9.3, "lift", state(age_s=0.1))
+    rules.on_state(9.3, "lift", state(age_s=0.1))
     assert len(found(oracle)) == 1
 
 
@@ -321,7 +321,7 @@ def test_a_hold_that_stands_in_the_register_and_fell_by_the_controllers_own_watc
             world.request(FloorRequest(LIFT, WORKSHOP, floor, hold_door=True))
             await elapse(1)
         assert "hold_door.front" in world.lifts[LIFT].truth.obeyed
-        world.spoil("plc", wire.DropRequest(on=wire.Target(access=wire.Access.WRITES)))
+        world.begin_wire_fault("plc", wire.DropRequest(on=wire.Target(access=wire.Access.WRITES)))
         for _ in range(8):
             world.request(FloorRequest(LIFT, WORKSHOP, floor, hold_door=True))
             await elapse(1)
@@ -340,13 +340,13 @@ def restarted(*, by: Holder, floor: str) -> list[str]:
     """After a restart somebody asks, and the call to L2 is pressed for the robot whose session goes on."""
     oracle = judge()
     rules = Rules(oracle)
-    rules.looked(0.0, "lift", replace(SHUT, at="L1"))
-    rules.heard(0.5, SessionOpened("lift", ROBOT, "L2"))
-    rules.struck(1.2, FaultChange("manager", RESTART, began=True))
-    rules.heard(1.2, SessionRestored("lift", ROBOT, "L2", ""))
-    rules.requested(4.3, FloorRequest("lift", by, floor, hold_door=True), None)
-    rules.looked(4.4, "lift", replace(SHUT, at="L1", given=(("go_to", 1),)))
-    rules.pressed(4.4, "lift", frozenset({"go_to"}))
+    rules.on_truth(0.0, "lift", replace(SHUT, at="L1"))
+    rules.on_event(0.5, SessionOpened("lift", ROBOT, "L2"))
+    rules.on_fault(1.2, FaultChange("manager", RESTART, began=True))
+    rules.on_event(1.2, SessionRestored("lift", ROBOT, "L2", ""))
+    rules.on_request(4.3, FloorRequest("lift", by, floor, hold_door=True), None)
+    rules.on_truth(4.4, "lift", replace(SHUT, at="L1", given=(("go_to", 1),)))
+    rules.on_press(4.4, "lift", frozenset({"go_to"}))
     return [rule for rule in found(oracle) if rule.startswith("pressed")]
 
 
@@ -360,13 +360,13 @@ def test_after_a_restart_only_the_holder_frees_presses_and_only_for_the_floor_th
 def test_after_a_restart_a_holder_that_hands_its_session_over_was_heard(*, hands_over: bool) -> None:
     oracle = judge()
     rules = Rules(oracle)
-    oracle.requested(1.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
-    rules.struck(1.2, FaultChange("manager", RESTART, began=True))
-    rules.heard(1.2, SessionRestored("lift", ROBOT, "L2", ""))
+    oracle.on_request(1.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
+    rules.on_fault(1.2, FaultChange("manager", RESTART, began=True))
+    rules.on_event(1.2, SessionRestored("lift", ROBOT, "L2", ""))
     if hands_over:
-        rules.heard(4.1, HandedOver("lift", ROBOT, OTHER))
-    rules.looked(4.2, "lift", HELD)
-    rules.pressed(4.2, "lift", FRONT)
+        rules.on_event(4.1, HandedOver("lift", ROBOT, OTHER))
+    rules.on_truth(4.2, "lift", HELD)
+    rules.on_press(4.2, "lift", FRONT)
     assert ("pressed by a restart" in found(oracle)) is not hands_over
 
 
@@ -376,15 +376,15 @@ def test_a_call_that_the_lift_still_has_is_not_pressed_again_after_a_restart(*, 
     rules = Rules(oracle)
     request = FloorRequest("lift", ROBOT, "L2", hold_door=True)
     called = replace(SHUT, at="L1", calls=frozenset({"L2"}), given=(("go_to", 1),))
-    rules.heard(0.5, SessionOpened("lift", ROBOT, "L2"))
-    rules.requested(0.5, request, None)
-    rules.looked(0.6, "lift", called)
-    rules.pressed(0.6, "lift", frozenset({"go_to"}))
-    rules.struck(4.0, FaultChange("manager", RESTART, began=True))
-    rules.heard(4.0, SessionRestored("lift", ROBOT, "L2", ""))
-    rules.requested(5.0, request, None)
-    rules.looked(5.1, "lift", called if has_call else replace(called, calls=frozenset()))
-    rules.pressed(5.1, "lift", frozenset({"go_to"}))
+    rules.on_event(0.5, SessionOpened("lift", ROBOT, "L2"))
+    rules.on_request(0.5, request, None)
+    rules.on_truth(0.6, "lift", called)
+    rules.on_press(0.6, "lift", frozenset({"go_to"}))
+    rules.on_fault(4.0, FaultChange("manager", RESTART, began=True))
+    rules.on_event(4.0, SessionRestored("lift", ROBOT, "L2", ""))
+    rules.on_request(5.0, request, None)
+    rules.on_truth(5.1, "lift", called if has_call else replace(called, calls=frozenset()))
+    rules.on_press(5.1, "lift", frozenset({"go_to"}))
     assert found(oracle) == (["pressed again after a restart"] if has_call else [])
 
 
@@ -394,11 +394,11 @@ def test_a_visible_fire_gives_a_hold_no_more_time_because_its_session_ends(*, se
         return state(age_s=0.0, holder=holder, robot_door=RobotDoor.MOVING, mode=Mode.FIRE)
 
     oracle, burning = judge(blocks=frozenset()), replace(HELD, mode=Mode.FIRE)
-    oracle.looked(0.0, "lift", burning)
+    oracle.on_truth(0.0, "lift", burning)
     at = 0.0
     while at < 5.0:
-        oracle.published(at, "lift", said(None if session_ends and at >= 2.5 else ROBOT))
-        oracle.looked(at, "lift", burning)
+        oracle.on_state(at, "lift", said(None if session_ends and at >= 2.5 else ROBOT))
+        oracle.on_truth(at, "lift", burning)
         at += 0.25
     assert found(oracle)[-1:] == ["output on too long"]
     assert len([one for one in found(oracle) if one == "output on too long"]) == 1
@@ -424,11 +424,11 @@ def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
 ) -> None:
     oracle = judge(holds=FRONT, clear_s=clear_s)
     rules = Rules(oracle)
-    oracle.requested(0.0, request, None)
-    rules.looked(1.0, "lift", HELD)
-    rules.published(4.0, "lift", state(age_s=0.0))
-    rules.looked(5.0, "lift", truth)  # type: ignore[arg-type]  # a Truth
-    rules.exchanged(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
+    oracle.on_request(0.0, request, None)
+    rules.on_truth(1.0, "lift", HELD)
+    rules.on_state(4.0, "lift", state(age_s=0.0))
+    rules.on_truth(5.0, "lift", truth)  # type: ignore[arg-type]  # a Truth
+    rules.on_exchange(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
     assert found(oracle) == rules_broken
 
 
@@ -438,16 +438,16 @@ def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -
 
     def asks(at: float, floor: str) -> None:
         request = FloorRequest("lift", ROBOT, floor, hold_door=True)
-        oracle.requested(at, request, None)
-        rules.requested(at, request, None)
+        oracle.on_request(at, request, None)
+        rules.on_request(at, request, None)
 
     asks(0.0, "L2")
-    rules.looked(1.0, "lift", HELD)
-    rules.published(4.0, "lift", state(age_s=0.0))
+    rules.on_truth(1.0, "lift", HELD)
+    rules.on_state(4.0, "lift", state(age_s=0.0))
     asks(4.5, "L1")
     asks(4.8, "L2")
-    rules.looked(5.0, "lift", STANDS_OPEN)
-    rules.exchanged(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
+    rules.on_truth(5.0, "lift", STANDS_OPEN)
+    rules.on_exchange(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
     assert found(oracle) == []
 
 
@@ -458,5 +458,7 @@ def test_a_call_that_keeps_the_door_open_stays_until_the_lift_is_told_of_the_rob
     about = replace(judge(blocks=frozenset()).judges["lift"], handshake=True)
     owed = said_at is not None
     request = FloorRequest("lift", ROBOT, "L1", hold_door=True)
-    wanted = is_requested(about, "call", 1, SHUT, (request, replace(request, floor="L3")), on_s=9.0, owes_word=owed)
+    wanted = is_output_requested(
+        about, "call", 1, SHUT, (request, replace(request, floor="L3")), on_s=9.0, is_report_due=owed
+    )
     assert wanted is owed

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
-from lift_manager.lab.world.judged import Excuse, Judged, MapEvidence, SuspectValues
+from lift_manager.lab.world.lift_under_test import Excuse, LiftUnderTest, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange
@@ -42,7 +42,7 @@ def judge(**about: object) -> Oracle:
         "arrive_within_s": 30.0,
         "blocks": frozenset({("plc", 1, Table.HOLDING, 0, 4)}),
     }
-    return Oracle({"lift": Judged(**(known | about))})  # type: ignore[arg-type]  # keywords of Judged
+    return Oracle({"lift": LiftUnderTest(**(known | about))})  # type: ignore[arg-type]  # keywords of Judged
 
 
 def state(*, age_s: float = 0.1, **said: object) -> LiftState:
@@ -76,8 +76,8 @@ def polled(oracle: Oracle, until: float, truth: Truth = STANDS_OPEN, since: floa
     """Let the lift be polled five times a second, rightly."""
     at = since
     while at <= until + 1e-9:
-        oracle.looked(at, "lift", truth)
-        oracle.exchanged(at, "plc", answered(at))
+        oracle.on_truth(at, "lift", truth)
+        oracle.on_exchange(at, "plc", answered(at))
         at += 0.2
 
 
@@ -89,7 +89,7 @@ def rules(oracle: Oracle) -> list[str]:
 def test_a_lift_that_is_what_it_is_said_to_be_breaks_no_rule() -> None:
     oracle = judge()
     polled(oracle, 4.0)
-    oracle.published(4.1, "lift", state())
+    oracle.on_state(4.1, "lift", state())
     assert rules(oracle) == []
     assert (oracle.judged, oracle.invitations) == (1, 1)
 
@@ -97,22 +97,22 @@ def test_a_lift_that_is_what_it_is_said_to_be_breaks_no_rule() -> None:
 def test_an_open_door_that_is_not_there_is_found() -> None:
     oracle = judge()
     polled(oracle, 4.0, SHUT)
-    oracle.published(4.1, "lift", state())
+    oracle.on_state(4.1, "lift", state())
     assert rules(oracle) == ["said open and was not"]
 
 
 def test_an_open_door_at_another_floor_is_found() -> None:
     oracle = judge()
     polled(oracle, 4.0)
-    oracle.published(4.1, "lift", state(floor="L1"))
+    oracle.on_state(4.1, "lift", state(floor="L1"))
     assert rules(oracle) == ["said open and was not"]
 
 
 def test_a_door_that_shut_after_the_reading_was_taken_is_no_lie_yet() -> None:
     oracle = judge()
     polled(oracle, 4.0)
-    oracle.looked(4.15, "lift", SHUT)
-    oracle.published(4.2, "lift", state(age_s=0.2))
+    oracle.on_truth(4.15, "lift", SHUT)
+    oracle.on_state(4.2, "lift", state(age_s=0.2))
     assert rules(oracle) == []
 
 
@@ -120,14 +120,14 @@ def test_a_door_that_was_shut_before_the_reading_was_taken_is_a_lie() -> None:
     oracle = judge()
     polled(oracle, 4.0)
     polled(oracle, 4.6, SHUT, since=4.2)
-    oracle.published(4.7, "lift", state(age_s=0.2))
+    oracle.on_state(4.7, "lift", state(age_s=0.2))
     assert rules(oracle) == ["said open and was not"]
 
 
 def test_a_state_that_no_fresh_answer_bears_out_is_stale_whatever_age_it_claims() -> None:
     oracle = judge()
     polled(oracle, 4.0)
-    oracle.published(5.2, "lift", state(age_s=0.1))
+    oracle.on_state(5.2, "lift", state(age_s=0.1))
     assert "stale" in rules(oracle)
 
 
@@ -135,8 +135,8 @@ def test_an_answer_that_is_still_on_its_way_does_not_make_a_state_fresh() -> Non
     oracle = judge()
     polled(oracle, 4.0)
     late = answered(4.9)
-    oracle.exchanged(4.9, "plc", replace(late, answers=((5.9, b"right"),)))
-    oracle.published(5.2, "lift", state(robot_door=RobotDoor.MOVING))
+    oracle.on_exchange(4.9, "plc", replace(late, answers=((5.9, b"right"),)))
+    oracle.on_state(5.2, "lift", state(robot_door=RobotDoor.MOVING))
     assert rules(oracle) == ["stale"]
 
 
@@ -144,22 +144,22 @@ def test_an_answer_that_is_still_on_its_way_does_not_make_a_state_fresh() -> Non
 def test_an_answer_that_was_spoilt_does_not_make_a_state_fresh(came: bytes) -> None:
     oracle = judge()
     polled(oracle, 4.0)
-    oracle.exchanged(4.9, "plc", answered(4.9, came=came))
-    oracle.published(5.2, "lift", state(robot_door=RobotDoor.MOVING))
+    oracle.on_exchange(4.9, "plc", answered(4.9, came=came))
+    oracle.on_state(5.2, "lift", state(robot_door=RobotDoor.MOVING))
     assert rules(oracle) == ["stale"]
 
 
 def test_a_lift_that_is_said_to_be_offline_may_be_anything() -> None:
     oracle = judge()
     polled(oracle, 4.0, SHUT)
-    oracle.published(9.0, "lift", state(quality=Quality.OFFLINE, robot_door=RobotDoor.MOVING))
+    oracle.on_state(9.0, "lift", state(quality=Quality.OFFLINE, robot_door=RobotDoor.MOVING))
     assert rules(oracle) == []
 
 
 def test_an_invitation_into_a_lift_on_fire_is_found() -> None:
     oracle = judge()
     polled(oracle, 4.0, replace(STANDS_OPEN, mode=Mode.FIRE))
-    oracle.published(4.1, "lift", state(age_s=0.1, mode=Mode.FIRE))
+    oracle.on_state(4.1, "lift", state(age_s=0.1, mode=Mode.FIRE))
     assert rules(oracle) == ["said open in a forbidden mode"]
 
 
@@ -167,9 +167,9 @@ def test_a_press_long_after_the_mode_forbade_it_is_found_and_one_before_anybody_
     oracle = judge()
     polled(oracle, 4.0)
     polled(oracle, 8.0, replace(STANDS_OPEN, mode=Mode.INSPECTION), since=4.2)
-    oracle.pressed(4.3, "lift", frozenset({"go_to"}))
+    oracle.on_press(4.3, "lift", frozenset({"go_to"}))
     assert rules(oracle) == []
-    oracle.pressed(8.1, "lift", frozenset({"go_to"}))
+    oracle.on_press(8.1, "lift", frozenset({"go_to"}))
     assert rules(oracle) == ["pressed in a forbidden mode"]
 
 
@@ -177,7 +177,7 @@ def test_a_confirmed_call_that_the_lift_never_had_is_found() -> None:
     oracle = judge()
     polled(oracle, 4.0, DRIVES)
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), grant_missing=False)
-    oracle.heard(4.1, CommandEnded("lift", outcome))
+    oracle.on_event(4.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
 
@@ -186,7 +186,7 @@ def test_a_confirmed_call_that_was_registered_is_right() -> None:
     oracle = judge()
     polled(oracle, 4.0, replace(DRIVES, calls=frozenset({"L1"})))
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), grant_missing=False)
-    oracle.heard(4.1, CommandEnded("lift", outcome))
+    oracle.on_event(4.1, CommandEnded("lift", outcome))
     assert rules(oracle) == []
 
 
@@ -194,7 +194,7 @@ def test_a_confirmed_hold_that_the_controller_never_had_is_found() -> None:
     oracle = judge()
     polled(oracle, 4.0)
     hold = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
-    oracle.heard(
+    oracle.on_event(
         4.1, CommandEnded("lift", Outcome(hold, Result.CONFIRMED, "", Proof.READBACK, (), grant_missing=False))
     )
     polled(oracle, 9.0, DRIVES, since=8.0)
@@ -213,7 +213,7 @@ def test_a_call_that_reads_on_in_a_mode_without_robots_is_let_pass_where_nothing
     inspected = replace(DRIVES, mode=Mode.INSPECTION)
     polled(oracle, 4.0, inspected)
     outcome = Outcome(Command(CommandKind.CALL, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), grant_missing=False)
-    oracle.heard(4.1, CommandEnded("lift", outcome))
+    oracle.on_event(4.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, inspected, since=8.0)
     assert rules(oracle) == findings
     assert bool(oracle.excused) is not bool(findings)
@@ -225,7 +225,7 @@ HELD = replace(STANDS_OPEN, given=(("hold_door.front", 1),))
 def test_a_door_that_is_held_for_nobody_is_found() -> None:
     oracle = judge()
     polled(oracle, 0.0, HELD)
-    oracle.published(0.0, "lift", state(holder=None))
+    oracle.on_state(0.0, "lift", state(holder=None))
     polled(oracle, 2.9, HELD, since=0.2)
     assert rules(oracle) == []
     polled(oracle, 5.0, HELD, since=3.0)
@@ -234,7 +234,7 @@ def test_a_door_that_is_held_for_nobody_is_found() -> None:
 
 def test_a_door_that_is_held_for_longer_than_the_site_allows_is_found_although_somebody_wants_it() -> None:
     oracle = judge()
-    oracle.published(0.0, "lift", state(quality=Quality.OFFLINE))
+    oracle.on_state(0.0, "lift", state(quality=Quality.OFFLINE))
     polled(oracle, 22.0, HELD)
     assert rules(oracle) == []
     polled(oracle, 25.0, HELD, since=22.2)
@@ -244,11 +244,11 @@ def test_a_door_that_is_held_for_longer_than_the_site_allows_is_found_although_s
 def test_an_output_that_nobody_could_let_go_of_because_of_the_wire_is_not_held_against_the_manager() -> None:
     oracle = judge()
     polled(oracle, 2.0, HELD)
-    oracle.published(2.0, "lift", state(holder=None))
+    oracle.on_state(2.0, "lift", state(holder=None))
     at = 2.2
     while at < 12.0:
-        oracle.looked(at, "lift", HELD)
-        oracle.exchanged(at, "plc", answered(at, came=b""))
+        oracle.on_truth(at, "lift", HELD)
+        oracle.on_exchange(at, "plc", answered(at, came=b""))
         at += 0.2
     assert rules(oracle) == []
 
@@ -263,9 +263,9 @@ def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_
 ) -> None:
     oracle = judge(excuses=frozen(within_s))
     polled(oracle, 2.0)
-    oracle.struck(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+    oracle.on_fault(2.0, FaultChange("lift", FrozenRegisters(), began=True))
     polled(oracle, 6.0, SHUT, since=2.2)
-    oracle.published(6.1, "lift", state())
+    oracle.on_state(6.1, "lift", state())
     assert rules(oracle) == found
     assert oracle.excused == ({} if found else {("lift", "said open and was not", "frozen_registers"): 1})
 
@@ -273,18 +273,18 @@ def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_
 def test_a_fault_excuses_nothing_but_its_own_lies() -> None:
     oracle = judge(excuses={"lost_press": Excuse(frozenset({SuspectValues.EFFECT}), None)})
     polled(oracle, 2.0, SHUT)
-    oracle.struck(2.0, FaultChange("lift", LostPress(), began=True))
-    oracle.published(2.1, "lift", state())
+    oracle.on_fault(2.0, FaultChange("lift", LostPress(), began=True))
+    oracle.on_state(2.1, "lift", state())
     assert rules(oracle) == ["said open and was not"]
 
 
 def test_an_excuse_ends_soon_after_its_fault() -> None:
     oracle = judge(excuses=frozen(None))
     polled(oracle, 2.0, SHUT)
-    oracle.struck(2.0, FaultChange("lift", FrozenRegisters(), began=True))
-    oracle.struck(3.0, FaultChange("lift", FrozenRegisters(), began=False))
+    oracle.on_fault(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+    oracle.on_fault(3.0, FaultChange("lift", FrozenRegisters(), began=False))
     polled(oracle, 9.0, SHUT, since=3.2)
-    oracle.published(9.1, "lift", state())
+    oracle.on_state(9.1, "lift", state())
     assert rules(oracle) == ["said open and was not"]
 
 
@@ -292,16 +292,16 @@ def test_one_block_of_the_poll_that_is_not_answered_makes_the_whole_state_stale(
     blocks = frozenset({("plc", 1, Table.HOLDING, 0, 4), ("plc", 1, Table.DISCRETE, 0, 8)})
     oracle = judge(blocks=blocks)
     polled(oracle, 4.0)
-    oracle.published(4.1, "lift", state(robot_door=RobotDoor.MOVING))
+    oracle.on_state(4.1, "lift", state(robot_door=RobotDoor.MOVING))
     assert rules(oracle) == ["stale"]
 
 
 def test_a_manager_that_merely_keeps_silent_is_not_excused_by_it() -> None:
     oracle = judge(poll_s=1.2)
-    oracle.published(0.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING, quality=Quality.OFFLINE))
+    oracle.on_state(0.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING, quality=Quality.OFFLINE))
     for tick in range(12):
-        oracle.looked(tick * 1.2, "lift", HELD)
-        oracle.exchanged(tick * 1.2, "plc", answered(tick * 1.2))
+        oracle.on_truth(tick * 1.2, "lift", HELD)
+        oracle.on_exchange(tick * 1.2, "plc", answered(tick * 1.2))
     assert "output on too long" in rules(oracle)
 
 
@@ -309,7 +309,7 @@ def test_a_call_that_nobody_wants_any_more_is_found_as_soon_as_a_door_is() -> No
     oracle = judge()
     called = replace(STANDS_OPEN, given=(("go_to", 1),))
     polled(oracle, 0.0, called)
-    oracle.published(0.0, "lift", state(holder=None))
+    oracle.on_state(0.0, "lift", state(holder=None))
     polled(oracle, 5.0, called, since=0.2)
     assert rules(oracle) == ["output on too long"]
 
@@ -318,7 +318,7 @@ def test_robot_mode_may_last_while_the_car_is_under_way() -> None:
     oracle = judge()
     driving = replace(DRIVES, given=(("robot_mode", 1),))
     polled(oracle, 2.0, driving)
-    oracle.published(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
+    oracle.on_state(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
     polled(oracle, 20.0, driving, since=2.2)
     assert rules(oracle) == []
     polled(oracle, 30.0, replace(driving, standing=True), since=20.2)
@@ -329,14 +329,14 @@ def test_robot_mode_may_last_while_a_heartbeat_that_stands_still_hides_the_car()
     oracle = judge(excuses={"frozen_heartbeat": Excuse(frozenset(), None)})
     stands = replace(STANDS_OPEN, given=(("robot_mode", 1),))
     polled(oracle, 2.0, stands)
-    oracle.struck(2.0, FaultChange("lift", FrozenHeartbeat(), began=True))
-    oracle.published(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
+    oracle.on_fault(2.0, FaultChange("lift", FrozenHeartbeat(), began=True))
+    oracle.on_state(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
     polled(oracle, 15.0, stands, since=2.2)
     # what strikes meanwhile does not make the judge forget it
-    oracle.struck(15.0, FaultChange("lift", ReopeningDoor(Side.FRONT), began=True))
+    oracle.on_fault(15.0, FaultChange("lift", ReopeningDoor(Side.FRONT), began=True))
     polled(oracle, 25.0, stands, since=15.2)
     assert rules(oracle) == []
-    oracle.struck(25.0, FaultChange("lift", FrozenHeartbeat(), began=False))
+    oracle.on_fault(25.0, FaultChange("lift", FrozenHeartbeat(), began=False))
     polled(oracle, 35.0, stands, since=25.2)
     assert set(rules(oracle)) == {"output on too long"}
 
@@ -345,10 +345,10 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
     oracle = judge()
     polled(oracle, 2.0, replace(DRIVES, calls=frozenset({"L1"})))
     polled(oracle, 6.0, DRIVES, since=2.2)
-    oracle.pressed(6.0, "lift", frozenset({"go_to"}))
+    oracle.on_press(6.0, "lift", frozenset({"go_to"}))
     polled(oracle, 7.0, DRIVES, since=6.2)
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), grant_missing=False)
-    oracle.heard(7.1, CommandEnded("lift", outcome))
+    oracle.on_event(7.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
 
@@ -373,10 +373,10 @@ def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_ou
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), grant_missing=False)
     oracle = judge(excuses=lost)
     polled(oracle, 6.0, at_the_press)
-    oracle.struck(6.0, FaultChange("lift", LostPress(), began=True))
-    oracle.pressed(6.0, "lift", frozenset({"go_to"}))
+    oracle.on_fault(6.0, FaultChange("lift", LostPress(), began=True))
+    oracle.on_press(6.0, "lift", frozenset({"go_to"}))
     polled(oracle, 7.0, afterwards, since=6.2)
-    oracle.heard(7.1, CommandEnded("lift", outcome))
+    oracle.on_event(7.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, STANDS_OPEN, since=8.0)
     assert rules(oracle) == found
 
@@ -389,8 +389,8 @@ def test_a_car_that_set_out_before_a_press_is_let_pass_only_where_nobody_could_s
     oracle = judge(shows=MapEvidence(motion=tells_motion))
     polled(oracle, 5.0, replace(STANDS_OPEN, open_at=None, doors_shut=True, passed="L2"))
     polled(oracle, 7.0, replace(DRIVES, passed="L2", heading=-1), since=5.2)
-    oracle.pressed(7.0, "lift", frozenset({"go_to"}))
-    oracle.heard(7.1, CommandEnded("lift", outcome))
+    oracle.on_press(7.0, "lift", frozenset({"go_to"}))
+    oracle.on_event(7.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, replace(DRIVES, passed="L2", heading=-1), since=7.2)
     assert rules(oracle) == (["confirmed without effect"] if tells_motion else [])
 
@@ -398,12 +398,12 @@ def test_a_car_that_set_out_before_a_press_is_let_pass_only_where_nobody_could_s
 def test_a_session_that_ends_in_a_mode_nobody_can_see_leaves_its_outputs_the_usual_time() -> None:
     called = replace(STANDS_OPEN, given=(("go_to", 1),))
     oracle = judge(shows=MapEvidence(modes=frozenset()))
-    oracle.exchanged(0.0, "plc", answered(0.0))
-    oracle.published(0.0, "lift", state(robot_door=RobotDoor.MOVING))
+    oracle.on_exchange(0.0, "plc", answered(0.0))
+    oracle.on_state(0.0, "lift", state(robot_door=RobotDoor.MOVING))
     polled(oracle, 2.0, called)
-    oracle.struck(2.0, FaultChange("lift", InMode(Mode.FIRE), began=True))
+    oracle.on_fault(2.0, FaultChange("lift", InMode(Mode.FIRE), began=True))
     polled(oracle, 7.9, replace(called, mode=Mode.FIRE), since=2.2)
-    oracle.published(7.9, "lift", state(robot_door=RobotDoor.MOVING, holder=None))
+    oracle.on_state(7.9, "lift", state(robot_door=RobotDoor.MOVING, holder=None))
     polled(oracle, 10.5, replace(called, mode=Mode.FIRE), since=8.0)
     assert rules(oracle) == []
     polled(oracle, 13.0, replace(called, mode=Mode.FIRE), since=10.8)
@@ -413,9 +413,9 @@ def test_a_session_that_ends_in_a_mode_nobody_can_see_leaves_its_outputs_the_usu
 def test_what_a_fault_left_on_unseen_is_let_pass_only_until_it_has_been_off_once() -> None:
     oracle = judge(excuses=frozen(None))
     polled(oracle, 2.0, HELD)
-    oracle.published(2.0, "lift", state(holder=None))
-    oracle.struck(2.0, FaultChange("lift", FrozenRegisters(), began=True))
-    oracle.struck(3.0, FaultChange("lift", FrozenRegisters(), began=False))
+    oracle.on_state(2.0, "lift", state(holder=None))
+    oracle.on_fault(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+    oracle.on_fault(3.0, FaultChange("lift", FrozenRegisters(), began=False))
     polled(oracle, 20.0, HELD, since=2.2)
     assert rules(oracle) == []
     assert oracle.excused

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from lift_manager.lab.world.decoding import Outputs
-from lift_manager.lab.world.judged import FORBIDDEN
-from lift_manager.lab.world.reviewed import REVIEWED, described, shown_by
+from lift_manager.lab.world.lift_under_test import MODES_WITHOUT_ROBOTS
+from lift_manager.lab.world.reviewed import REVIEWED, described, evidence_of
 from register_maps.codec import compile_map
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Table
 from tests.campaigns.playing import loaded_map
@@ -88,7 +88,7 @@ def test_a_lift_of_several_on_one_controller_has_its_tables_moved() -> None:
 @each_row("name", RIDDEN)
 def test_every_map_of_the_campaigns_was_reviewed_and_its_text_says_the_same(name: str) -> None:
     source = loaded_map(name)[0].map
-    shows, was_reviewed = shown_by(source)
+    shows, was_reviewed = evidence_of(source)
     assert was_reviewed
     assert shows is REVIEWED[name].shows
     assert described(source) == replace(shows, proofs={})
@@ -97,9 +97,9 @@ def test_every_map_of_the_campaigns_was_reviewed_and_its_text_says_the_same(name
 def test_a_map_that_its_site_has_changed_is_described_from_its_text() -> None:
     source = loaded_map("moxa-e1212")[0].map
     changed = source.model_copy(update={"signals": {name: it for name, it in source.signals.items() if name != "fire"}})
-    shows, was_reviewed = shown_by(changed)
+    shows, was_reviewed = evidence_of(changed)
     assert (was_reviewed, shows.modes) == (False, frozenset())
 
 
 def test_the_manager_and_the_judge_agree_on_the_modes_without_robots() -> None:
-    assert FORBIDDEN == ROBOT_FORBIDDEN_MODES
+    assert MODES_WITHOUT_ROBOTS == ROBOT_FORBIDDEN_MODES

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from lift_manager.lab.world.judged import Excuse, FloorBy, MapEvidence, SuspectValues
+from lift_manager.lab.world.lift_under_test import Excuse, FloorEvidence, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
@@ -39,7 +39,7 @@ ACKNOWLEDGED = Acknowledged("lift", "the guard", NOON, (Cause.FIRE,))
 def book(**about: object) -> tuple[Oracle, Rules]:
     oracle = judge(**about)
     rules = Rules(oracle)
-    rules.looked(0.0, "lift", STANDS_OPEN)
+    rules.on_truth(0.0, "lift", STANDS_OPEN)
     return oracle, rules
 
 
@@ -65,122 +65,122 @@ def on_fire() -> LiftState:
 
 def test_a_robot_that_is_let_in_after_a_fire_is_found_until_a_person_has_looked() -> None:
     oracle, rules = book()
-    rules.published(1.0, "lift", on_fire())
-    rules.requested(9.0, request(), None)
-    rules.looked(9.2, "lift", STANDS_OPEN)
+    rules.on_state(1.0, "lift", on_fire())
+    rules.on_request(9.0, request(), None)
+    rules.on_truth(9.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["let in after a fire"]
-    rules.requested(10.0, request(), None)
-    rules.heard(10.0, ACKNOWLEDGED)
-    rules.looked(10.2, "lift", STANDS_OPEN)
-    rules.requested(19.0, request(), None)
-    rules.looked(19.2, "lift", STANDS_OPEN)
+    rules.on_request(10.0, request(), None)
+    rules.on_event(10.0, ACKNOWLEDGED)
+    rules.on_truth(10.2, "lift", STANDS_OPEN)
+    rules.on_request(19.0, request(), None)
+    rules.on_truth(19.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["let in after a fire"]
 
 
 def test_a_press_after_a_fire_is_found_over_a_restart_too() -> None:
     oracle, rules = book()
-    rules.published(1.0, "lift", on_fire())
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.requested(8.0, request(), None)
-    rules.pressed(9.0, "lift", frozenset({"go_to"}))
+    rules.on_state(1.0, "lift", on_fire())
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_request(8.0, request(), None)
+    rules.on_press(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["pressed after a fire"]
 
 
 def test_a_fire_that_is_acknowledged_while_it_is_on_is_found() -> None:
     oracle, rules = book()
-    rules.looked(0.9, "lift", replace(STANDS_OPEN, mode=Mode.FIRE))
-    rules.published(1.0, "lift", on_fire())
-    rules.heard(2.0, ACKNOWLEDGED)
+    rules.on_truth(0.9, "lift", replace(STANDS_OPEN, mode=Mode.FIRE))
+    rules.on_state(1.0, "lift", on_fire())
+    rules.on_event(2.0, ACKNOWLEDGED)
     assert found(oracle) == ["acknowledged while on"]
 
 
 def test_whoever_is_let_in_or_presses_in_a_lockout_is_found() -> None:
     oracle, rules = book()
-    rules.heard(1.0, LOCKED_OUT)
-    rules.requested(9.0, request(), None)
-    rules.looked(9.1, "lift", STANDS_OPEN)
-    rules.pressed(9.1, "lift", frozenset({"go_to"}))
+    rules.on_event(1.0, LOCKED_OUT)
+    rules.on_request(9.0, request(), None)
+    rules.on_truth(9.1, "lift", STANDS_OPEN)
+    rules.on_press(9.1, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["let in despite a lockout", "pressed in a lockout"]
-    rules.heard(10.0, LOCKOUT_OVER)
-    rules.requested(12.0, request(), None)
-    rules.looked(12.1, "lift", STANDS_OPEN)
+    rules.on_event(10.0, LOCKOUT_OVER)
+    rules.on_request(12.0, request(), None)
+    rules.on_truth(12.1, "lift", STANDS_OPEN)
     assert len(found(oracle)) == 2
 
 
 def test_an_invitation_behind_a_fire_that_nobody_has_acknowledged_is_found() -> None:
     oracle, rules = book()
-    rules.published(1.0, "lift", on_fire())
-    rules.published(1.5, "lift", state(holder=None))  # this was on its way
+    rules.on_state(1.0, "lift", on_fire())
+    rules.on_state(1.5, "lift", state(holder=None))  # this was on its way
     assert found(oracle) == []
-    rules.published(9.0, "lift", state(holder=None))
+    rules.on_state(9.0, "lift", state(holder=None))
     assert found(oracle) == ["said open after a fire"]
-    rules.heard(10.0, ACKNOWLEDGED)
-    rules.published(19.0, "lift", state(holder=None))
+    rules.on_event(10.0, ACKNOWLEDGED)
+    rules.on_state(19.0, "lift", state(holder=None))
     assert found(oracle) == ["said open after a fire"]
 
 
 def test_an_invitation_behind_a_lockout_is_found_until_it_is_over() -> None:
     oracle, rules = book()
-    rules.heard(1.0, LOCKED_OUT)
-    rules.published(9.0, "lift", state(holder=None))
+    rules.on_event(1.0, LOCKED_OUT)
+    rules.on_state(9.0, "lift", state(holder=None))
     assert found(oracle) == ["said open in a lockout"]
-    rules.heard(10.0, LOCKOUT_OVER)
-    rules.published(19.0, "lift", state(holder=None))
+    rules.on_event(10.0, LOCKOUT_OVER)
+    rules.on_state(19.0, "lift", state(holder=None))
     assert found(oracle) == ["said open in a lockout"]
 
 
 def test_two_holders_are_found_whether_or_not_a_session_is_opened_for_the_second() -> None:
     oracle, rules = book()
-    rules.heard(1.0, opened())
-    rules.requested(2.0, request(holder=OTHER), None)
-    rules.looked(2.2, "lift", STANDS_OPEN)
+    rules.on_event(1.0, opened())
+    rules.on_request(2.0, request(holder=OTHER), None)
+    rules.on_truth(2.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["two holders"]
-    rules.heard(3.0, opened(OTHER))
+    rules.on_event(3.0, opened(OTHER))
     assert found(oracle) == ["two holders", "two holders"]
 
 
 def test_a_lift_that_changes_hands_between_two_turns_of_the_loop_has_one_holder() -> None:
     oracle, rules = book()
-    rules.heard(1.0, opened())
-    rules.requested(2.0, request(holder=OTHER), None)
-    rules.heard(2.0, ended())
-    rules.heard(2.0, opened(OTHER))
-    rules.looked(2.2, "lift", STANDS_OPEN)
+    rules.on_event(1.0, opened())
+    rules.on_request(2.0, request(holder=OTHER), None)
+    rules.on_event(2.0, ended())
+    rules.on_event(2.0, opened(OTHER))
+    rules.on_truth(2.2, "lift", STANDS_OPEN)
     assert found(oracle) == []
 
 
 def test_a_press_in_peoples_turn_is_found() -> None:
     oracle, rules = book(between_sessions_s=5.0)
-    rules.heard(1.0, opened())
-    rules.pressed(1.1, "lift", frozenset({"go_to"}))
-    rules.heard(8.0, ended())
-    rules.heard(9.0, opened())
-    rules.pressed(10.0, "lift", frozenset({"go_to"}))
+    rules.on_event(1.0, opened())
+    rules.on_press(1.1, "lift", frozenset({"go_to"}))
+    rules.on_event(8.0, ended())
+    rules.on_event(9.0, opened())
+    rules.on_press(10.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["pressed in people's turn"]
 
 
 def test_a_session_that_pressed_nothing_costs_nobody_a_turn() -> None:
     oracle, rules = book(between_sessions_s=5.0)
-    rules.heard(1.0, opened())
-    rules.heard(2.0, ended())
-    rules.heard(2.5, opened())
-    rules.pressed(3.0, "lift", frozenset({"go_to"}))
+    rules.on_event(1.0, opened())
+    rules.on_event(2.0, ended())
+    rules.on_event(2.5, opened())
+    rules.on_press(3.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == []
 
 
 def test_the_same_call_that_is_pressed_again_at_once_is_found_unless_another_floor_was_asked_between() -> None:
     oracle, rules = book()
     called = replace(DRIVES, given=(("go_to", 1),))
-    rules.looked(1.0, "lift", called)
-    rules.requested(1.0, request("L2"), None)
-    rules.pressed(1.0, "lift", frozenset({"go_to"}))
-    rules.requested(1.5, request("L1"), None)
-    rules.requested(1.6, request("L2"), None)
-    rules.pressed(1.7, "lift", frozenset({"go_to"}))
+    rules.on_truth(1.0, "lift", called)
+    rules.on_request(1.0, request("L2"), None)
+    rules.on_press(1.0, "lift", frozenset({"go_to"}))
+    rules.on_request(1.5, request("L1"), None)
+    rules.on_request(1.6, request("L2"), None)
+    rules.on_press(1.7, "lift", frozenset({"go_to"}))
     assert found(oracle) == []
-    rules.pressed(2.0, "lift", frozenset({"go_to"}))
+    rules.on_press(2.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["pressed again"]
-    rules.pressed(4.5, "lift", frozenset({"go_to"}))
+    rules.on_press(4.5, "lift", frozenset({"go_to"}))
     assert len(found(oracle)) == 1
 
 
@@ -188,9 +188,9 @@ def test_robot_mode_that_is_dropped_under_way_is_found() -> None:
     oracle, rules = book()
     driving = replace(DRIVES, robot_mode=True, given=(("robot_mode", 1),))
     polled(oracle, 15.0, driving)
-    rules.looked(1.0, "lift", driving)
-    rules.published(14.9, "lift", state())
-    rules.looked(15.0, "lift", DRIVES)
+    rules.on_truth(1.0, "lift", driving)
+    rules.on_state(14.9, "lift", state())
+    rules.on_truth(15.0, "lift", DRIVES)
     assert found(oracle) == ["robot mode dropped under way"]
 
 
@@ -198,61 +198,61 @@ def test_robot_mode_that_is_dropped_because_of_a_fire_or_where_the_car_stands_is
     oracle, rules = book()
     driving = replace(DRIVES, robot_mode=True, given=(("robot_mode", 1),))
     polled(oracle, 15.0, driving)
-    rules.looked(1.0, "lift", driving)
-    rules.published(4.9, "lift", on_fire())
-    rules.looked(5.0, "lift", DRIVES)
-    rules.looked(6.0, "lift", driving)
-    rules.looked(7.0, "lift", STANDS_OPEN)
+    rules.on_truth(1.0, "lift", driving)
+    rules.on_state(4.9, "lift", on_fire())
+    rules.on_truth(5.0, "lift", DRIVES)
+    rules.on_truth(6.0, "lift", driving)
+    rules.on_truth(7.0, "lift", STANDS_OPEN)
     assert found(oracle) == []
 
 
 def test_an_invitation_without_our_hold_or_without_robot_mode_is_found() -> None:
     oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=MapEvidence(robot_mode=True))
-    rules.looked(1.0, "lift", HELD)
-    rules.published(1.5, "lift", state())
+    rules.on_truth(1.0, "lift", HELD)
+    rules.on_state(1.5, "lift", state())
     assert found(oracle) == []
-    rules.looked(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
-    rules.published(9.0, "lift", state())
+    rules.on_truth(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
+    rules.on_state(9.0, "lift", state())
     assert found(oracle) == ["said open and not held", "said open without robot mode"]
 
 
 def test_a_lift_that_nobody_holds_may_stand_open_by_itself() -> None:
     oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=MapEvidence(robot_mode=True))
-    rules.looked(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
-    rules.published(9.0, "lift", state(holder=None))
+    rules.on_truth(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
+    rules.on_state(9.0, "lift", state(holder=None))
     assert found(oracle) == []
 
 
 def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> None:
     oracle, rules = book()
-    rules.requested(1.0, request(), None)
-    rules.heard(1.0, opened())
-    rules.pressed(1.1, "lift", frozenset({"go_to"}))
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.heard(3.1, SessionRestored("lift", ROBOT, "L1", ""))
+    rules.on_request(1.0, request(), None)
+    rules.on_event(1.0, opened())
+    rules.on_press(1.1, "lift", frozenset({"go_to"}))
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_event(3.1, SessionRestored("lift", ROBOT, "L1", ""))
     assert found(oracle) == []
-    rules.pressed(4.0, "lift", frozenset({"robot_mode"}))
+    rules.on_press(4.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
-    rules.requested(5.0, request(), None)
-    rules.pressed(6.0, "lift", frozenset({"hold_door.front"}))
+    rules.on_request(5.0, request(), None)
+    rules.on_press(6.0, "lift", frozenset({"hold_door.front"}))
     assert found(oracle) == ["pressed by a restart"]
 
 
 def test_a_robot_that_says_it_is_inside_has_asked_for_the_lift() -> None:
     oracle, rules = book()
-    rules.looked(2.0, "lift", STANDS_OPEN)
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.requested(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.IN_PLACE), None)
-    rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
+    rules.on_truth(2.0, "lift", STANDS_OPEN)
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_request(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.IN_PLACE), None)
+    rules.on_press(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == []
 
 
 def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
     oracle, rules = book()
-    rules.looked(2.0, "lift", STANDS_OPEN)
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.requested(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.LEFT), None)
-    rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
+    rules.on_truth(2.0, "lift", STANDS_OPEN)
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_request(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.LEFT), None)
+    rules.on_press(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
 
 
@@ -264,26 +264,26 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
 def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | None, findings: list[str]) -> None:
     oracle, rules = book(excuses={"stopped": Excuse(frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT}), None)})
     called = replace(SHUT, calls=frozenset({"L1"}), given=(("go_to", 0),))
-    rules.requested(1.0, request(), None)
-    rules.looked(1.1, "lift", called)
-    rules.pressed(1.1, "lift", frozenset({"go_to"}))
+    rules.on_request(1.0, request(), None)
+    rules.on_truth(1.1, "lift", called)
+    rules.on_press(1.1, "lift", frozenset({"go_to"}))
     if fault is not None:
         for witness in (oracle, rules):
-            witness.struck(2.0, FaultChange("lift", fault, began=True))
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.requested(4.0, request(), None)
-    rules.looked(9.0, "lift", called)
-    rules.pressed(9.0, "lift", frozenset({"go_to"}))
+            witness.on_fault(2.0, FaultChange("lift", fault, began=True))
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_request(4.0, request(), None)
+    rules.on_truth(9.0, "lift", called)
+    rules.on_press(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == findings
     assert bool(oracle.excused) is isinstance(fault, Stopped)
 
 
 def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the_car_stands() -> None:
     oracle, rules = book()
-    rules.looked(2.0, "lift", STANDS_OPEN)
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.requested(5.0, replace(request("L2"), hold_door=False, stays=True), None)
-    rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
+    rules.on_truth(2.0, "lift", STANDS_OPEN)
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_request(5.0, replace(request("L2"), hold_door=False, stays=True), None)
+    rules.on_press(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == []
 
 
@@ -291,27 +291,27 @@ def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the
 def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_the_car_is_there(
     told_by_doors: bool,
 ) -> None:
-    oracle, rules = book(shows=MapEvidence(floor_by=FloorBy.DOOR if told_by_doors else FloorBy.SWITCH))
-    rules.looked(2.0, "lift", replace(STANDS_OPEN, open_at=None, doors_shut=True))
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.requested(5.0, replace(request("L2"), hold_door=False), None)
-    rules.pressed(6.0, "lift", frozenset({"call"}))
+    oracle, rules = book(shows=MapEvidence(floor_by=FloorEvidence.DOOR if told_by_doors else FloorEvidence.SWITCH))
+    rules.on_truth(2.0, "lift", replace(STANDS_OPEN, open_at=None, doors_shut=True))
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_request(5.0, replace(request("L2"), hold_door=False), None)
+    rules.on_press(6.0, "lift", frozenset({"call"}))
     assert found(oracle) == ([] if told_by_doors else ["pressed by a restart"])
 
 
 def test_the_same_holder_may_go_on_after_a_restart_and_nobody_else() -> None:
     oracle, rules = book()
-    rules.heard(1.0, opened())
-    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
-    rules.heard(3.1, SessionRestored("lift", ROBOT, "L1", ""))
-    rules.heard(4.0, HandedOver("lift", ROBOT, OTHER))
+    rules.on_event(1.0, opened())
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_event(3.1, SessionRestored("lift", ROBOT, "L1", ""))
+    rules.on_event(4.0, HandedOver("lift", ROBOT, OTHER))
     assert found(oracle) == []
-    rules.heard(5.0, opened())
+    rules.on_event(5.0, opened())
     assert found(oracle) == ["two holders"]
 
 
 def test_a_lift_that_somebody_gives_away_who_does_not_hold_it_is_found() -> None:
     oracle, rules = book()
-    rules.heard(1.0, opened())
-    rules.heard(2.0, HandedOver("lift", OTHER, ROBOT))
+    rules.on_event(1.0, opened())
+    rules.on_event(2.0, HandedOver("lift", OTHER, ROBOT))
     assert found(oracle) == ["two holders"]

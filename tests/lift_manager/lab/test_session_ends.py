@@ -84,11 +84,11 @@ def test_a_hold_that_falls_while_the_lift_cannot_be_read_begins_again_once_it_is
     async def check(world: World) -> None:
         world.request(request("L2"))
         await until(world, is_open_at("L2"))
-        world.spoil("plc", HalfOpen())
+        world.begin_wire_fault("plc", HalfOpen())
         for _ in range(40):  # longer than the map lets a door be held
             await elapse(1)
             world.request(request("L2"))
-        world.mend("plc", HalfOpen())
+        world.end_wire_fault("plc", HalfOpen())
         await until(world, is_open_at("L2"))
 
     seen, _ = seen_in(site(LIFT), check)

@@ -10,7 +10,7 @@ import pytest
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange, FloorRequest, Witness
@@ -43,25 +43,25 @@ class Recorder:
         self.requests: list[tuple[FloorRequest, RequestRefused | None]] = []
         self.faults: list[tuple[float, FaultChange]] = []
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         self.truths.append((at, truth))
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         self.presses.append((at, commands))
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         self.states.append((at, state))
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         self.exchanges.append(exchange)
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         self.events.append(event)
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         self.requests.append((request, refused))
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         self.faults.append((at, struck))
 
 
@@ -162,9 +162,9 @@ def test_a_slot_that_is_kept_lets_nobody_in() -> None:
 def test_weather_is_that_of_one_controller() -> None:
     async def check(world: World) -> None:
         await until(world, lambda state: state.quality is Quality.LIVE)
-        world.spoil("plc", HalfOpen())
+        world.begin_wire_fault("plc", HalfOpen())
         await until(world, lambda state: state.quality is Quality.OFFLINE)
-        world.mend("plc", HalfOpen())
+        world.end_wire_fault("plc", HalfOpen())
         await until(world, lambda state: state.quality is Quality.LIVE)
 
     in_world(check)
@@ -198,7 +198,7 @@ def test_people_use_the_lift_when_they_are_let_in() -> None:
 def test_the_same_seed_tells_the_same_story() -> None:
     async def check(world: World) -> None:
         world.populate("lift", People(seed=5, floors=3))
-        world.spoil("plc", HalfOpen(probability=0.02, times=1))
+        world.begin_wire_fault("plc", HalfOpen(probability=0.02, times=1))
         world.request(FloorRequest("lift", ROBOT, "L2", hold_door=True))
         await elapse(60)
 
@@ -250,7 +250,7 @@ def test_a_hold_that_a_controller_loses_after_a_restart_is_pressed_again_only_fo
     *, heard: bool
 ) -> None:
     request = FloorRequest("lift", ROBOT, "L2", hold_door=True)
-    oracle = judge_of(site("lift"))
+    oracle = oracle_of(site("lift"))
 
     async def check(world: World) -> None:
         await elapse(2)

@@ -127,7 +127,7 @@ def test_an_open_door_that_nothing_of_ours_holds_is_found(given: tuple[tuple[str
     one = judge()
     one.arrived(0.5, LiftRequest("lift", Time(), A, AGV_MODE, "level 1", DOOR_OPEN))
     one.holder.add(0.5, Holder("rmf", A))
-    one.looked(0.9, "lift", truth(given=given))
+    one.on_truth(0.9, "lift", truth(given=given))
     one.state_sent(1.0, said(1.0))
     assert [found.rule for found in one.findings] == rules
 
@@ -149,7 +149,7 @@ def test_a_door_that_falls_within_30_s_of_open_is_found_unless_something_else_is
     one, at = judge(), 1.0 + since_s
     one.arrived(0.5, LiftRequest("lift", Time(), A, AGV_MODE, "level 1", DOOR_OPEN))
     one.holder.add(0.5, Holder("rmf", A))
-    one.looked(0.9, "lift", truth(given=(("hold_door.front", 1),)))
+    one.on_truth(0.9, "lift", truth(given=(("hold_door.front", 1),)))
     one.state_sent(1.0, said(1.0))
     match otherwise:
         case "ended":
@@ -162,28 +162,28 @@ def test_a_door_that_falls_within_30_s_of_open_is_found_unless_something_else_is
             one.excuse(at - 1, "kept off", on=True)
         case _:
             pass
-    one.looked(at, "lift", truth(open_at=None))
+    one.on_truth(at, "lift", truth(open_at=None))
     assert [found.rule for found in one.findings] == rules
 
 
 @pytest.mark.parametrize(("mode", "rules"), [(False, ["robot mode"]), (True, [])])
 def test_robot_mode_that_falls_under_way_is_found(mode: bool, rules: list[str]) -> None:
     one = judge()
-    one.looked(0.9, "lift", truth(open_at=None))
-    one.looked(1.0, "lift", truth(open_at=None, robot_mode=mode))
+    one.on_truth(0.9, "lift", truth(open_at=None))
+    one.on_truth(1.0, "lift", truth(open_at=None, robot_mode=mode))
     assert [found.rule for found in one.findings] == rules
 
 
 @pytest.mark.parametrize(("pressed_at", "rules"), [(1.9, []), (2.1, ["locked out"])])
 def test_a_press_in_a_lockout_is_found(pressed_at: float, rules: list[str]) -> None:
     one = judge()
-    one.heard(
+    one.on_event(
         1.0,
         RestrictionBegun(
             "lift", Restriction(RestrictionKind.LOCKOUT, "the guard", "moving", datetime(2026, 11, 22, tzinfo=UTC))
         ),
     )
-    one.pressed(pressed_at, "lift", frozenset({"robot_mode"}))
+    one.on_press(pressed_at, "lift", frozenset({"robot_mode"}))
     assert [found.rule for found in one.findings] == rules
 
 

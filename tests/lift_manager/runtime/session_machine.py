@@ -13,12 +13,12 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import VirtualTimeLoop, elapse
-from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange, FloorRequest, Witness
-from lift_manager.lab.world.world import BEGAN_AT, World
+from lift_manager.lab.world.world import START_TIME, World
 from lift_manager.lift.commands import CommandType
 from lift_manager.lift.events import HandedOver, Restriction, SessionEnded, SessionOpened, SessionRestored
 from lift_manager.lift.inputs import JoinQueue, LeaveQueue
@@ -63,10 +63,10 @@ class Book:
     ended: int = 0
     wrong: list[str] = field(default_factory=list)
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         self.given = dict(truth.given)
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether the holder can have asked for it; a call is for a floor that it asked for."""
         self.presses += 1
         self.calls += "go_to" in commands
@@ -75,13 +75,13 @@ class Book:
         if "go_to" in commands and (floor := FLOORS[self.given["go_to"]]) not in self.wanted:
             self.wrong.append(f"{at:.2f} s: called to {floor}, and {self.wanted_by} asked for {sorted(self.wanted)}")
 
-    def published(self, at: float, lift: str, state: LiftState) -> None:
+    def on_state(self, at: float, lift: str, state: LiftState) -> None:
         """Nothing about the state is noted here."""
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Nothing about the wire is noted here."""
 
-    def heard(self, at: float, event: Event) -> None:
+    def on_event(self, at: float, event: Event) -> None:
         match event:
             case SessionOpened(holder=holder) | SessionRestored(holder=holder):
                 if self.holder not in (None, holder):
@@ -101,14 +101,14 @@ class Book:
             case _:
                 pass
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         if refused is not None:
             return
         if request.holder != self.wanted_by:
             self.wanted_by, self.wanted = request.holder, set()
         self.wanted.add(request.floor)
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """A kill ends no session by itself, but what is heard of it begins anew."""
         if struck.fault == "restart":
             self.holder = None
@@ -151,7 +151,7 @@ class SessionMachine(RuleBasedStateMachine):
     def start(self) -> None:
         loaded = loaded_site()
         # people want doors released at once here, and sessions end in every way: how long before that OPEN is withdrawn is not asked
-        judges = judge_of(loaded).judges.items()
+        judges = oracle_of(loaded).judges.items()
         self.oracle = Oracle({name: replace(about, clear_s=0.0) for name, about in judges})
         self.book_of_rules = Rules(self.oracle)
         witnesses: tuple[Witness, ...] = (self.oracle, self.book_of_rules, self.book)
@@ -160,7 +160,7 @@ class SessionMachine(RuleBasedStateMachine):
             loaded,
             witnesses,
             settings={LIFT: Parameters(speed=4)},
-            look_s=0.5,
+            observe_every_s=0.5,
             clock=self.clock,
         )
         self.stop = asyncio.Event()
@@ -176,7 +176,7 @@ class SessionMachine(RuleBasedStateMachine):
         self.runner.run(begin())
 
     def clock(self) -> datetime:
-        return BEGAN_AT + timedelta(seconds=asyncio.get_running_loop().time() + self.jump_s)
+        return START_TIME + timedelta(seconds=asyncio.get_running_loop().time() + self.jump_s)
 
     @property
     def state(self) -> LiftState:
@@ -363,7 +363,7 @@ class SessionMachine(RuleBasedStateMachine):
             else:
                 # after a restart this is the word of its holder, like a request for the same floor
                 request = FloorRequest(LIFT, to, self.state.destination or "", hold_door=True)
-                self.book_of_rules.requested(asyncio.get_running_loop().time(), request, None)
+                self.book_of_rules.on_request(asyncio.get_running_loop().time(), request, None)
             await elapse(0.2)
 
         self.run(main())
@@ -424,7 +424,7 @@ class SessionMachine(RuleBasedStateMachine):
             case "fire":
                 self.world.set_inputs(LIFT, Inputs(fire=on))
             case "offline":
-                (self.world.spoil if on else self.world.mend)("plc", HalfOpen())
+                (self.world.begin_wire_fault if on else self.world.end_wire_fault)("plc", HalfOpen())
             case _:
                 (self.world.begin if on else self.world.end)(LIFT, InMode(Mode.INDEPENDENT))
 

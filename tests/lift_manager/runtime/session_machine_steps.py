@@ -96,7 +96,7 @@ class Stayers:
 
     def _tell(self, holder: Holder, floor: str, at: float) -> None:
         for witness in self.witnesses:
-            witness.requested(at, FloorRequest(self.lift, holder, floor, hold_door=True), None)
+            witness.on_request(at, FloorRequest(self.lift, holder, floor, hold_door=True), None)
 
 
 def _live(site: Site, session: SessionInfo) -> bool:

@@ -159,7 +159,7 @@ class Judge:
 
     # -- what the world tells
 
-    def looked(self, at: float, lift: str, truth: Truth) -> None:
+    def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         if lift != self.lift:
             return
         before = self.truth.last
@@ -170,7 +170,7 @@ class Judge:
         if truth.mode not in FALLS_FOR and not self._is_excused("down", "offline", at=at, lately_s=10.0):
             self._find(at, "robot mode", f"it fell while the car moved ({truth})")
 
-    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+    def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         if lift == self.lift and at > self._locked_since + PRESS_S and commands - WORDS_OF_A_ROBOT:
             self._find(at, "locked out", f"{', '.join(sorted(commands))} is pressed")
         if lift != self.lift or not commands & CALLS or (truth := self.truth.last) is None:
@@ -180,7 +180,7 @@ class Judge:
                 self.presses += 1
                 self._judge_call(at, list(self.floors.values())[index])
 
-    def published(self, at: float, lift: str, state: Shown) -> None:
+    def on_state(self, at: float, lift: str, state: Shown) -> None:
         if lift == self.lift:
             if at > self._locked_since + PRESS_S and state.robot_door is RobotDoor.OPEN:
                 self._find(at, "locked out", f"the door is said to be open at {state.floor}")
@@ -190,11 +190,11 @@ class Judge:
             if kept_off != ("kept off" in self.excused.last):
                 self.excuse(at, "kept off", on=kept_off)
 
-    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+    def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         self.writes += parse_request(exchange.request, timed_coils=True).is_write
 
-    def heard(self, at: float, event: Event) -> None:
-        """Know of lockouts; states are told by `published`."""
+    def on_event(self, at: float, event: Event) -> None:
+        """Know of lockouts; states are told by `on_state`."""
         match event:
             case RestrictionBegun(lift=self.lift):
                 self._locked_since = at
@@ -203,12 +203,12 @@ class Judge:
             case _:
                 pass
 
-    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+    def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Another face requests the lift."""
         if request.lift == self.lift:
             self.wants(at, str(request.holder), self.floors[request.floor])
 
-    def struck(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, struck: FaultChange) -> None:
         """Excuses are given by name, see `excuse`."""
 
     # -- what the world of RMF tells

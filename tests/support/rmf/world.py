@@ -11,7 +11,7 @@ from typing import Protocol
 
 from lift_manager.config.load import LoadedSite
 from lift_manager.lab.virtual_time import elapse
-from lift_manager.lab.world.reviewed import shown_by
+from lift_manager.lab.world.reviewed import evidence_of
 from lift_manager.lab.world.world import World
 from lift_manager.plain.rmf import Alarms, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
@@ -72,7 +72,7 @@ class Plant(World):
         await asyncio.gather(*program, return_exceptions=True)
         for controller in self._controllers.values():
             controller.hang_up()
-        self._hearing.close()
+        self._subscriptions.close()
 
     def plug(self, *, on: bool) -> None:
         """Take every controller off the network, or put it back."""
@@ -101,7 +101,7 @@ class RmfWorld:
             max_age_s=spec.max_age_s or codec.map.link.max_age_s,
             holds=frozenset(name for name in codec.commands if name.startswith("hold_door.")),
             silent_driving=TRAITS[setting.distribution].timer,
-            tells_fire=Mode.FIRE in shown_by(codec.map)[0].modes,
+            tells_fire=Mode.FIRE in evidence_of(codec.map)[0].modes,
         )
         self.name = spec.rmf.name or self.lift
         """The lift's name in RMF."""

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from lift_manager.commissioning.plc.errors import NoProgram
+from lift_manager.commissioning.plc.errors import ProgramError
 from lift_manager.commissioning.plc.program import PlcProgram, render
 from register_maps.load import MAPS, load
 from register_maps.schema import RegisterMap
@@ -166,9 +166,9 @@ def test_the_same_map_and_floors_give_the_same_text() -> None:
 
 
 def test_a_map_of_somebody_elses_program_is_refused() -> None:
-    with pytest.raises(NoProgram, match="two-stop-agv describes what a lift company has programmed already"):
+    with pytest.raises(ProgramError, match="two-stop-agv describes what a lift company has programmed already"):
         render(load("two-stop-agv").map, {"4F": 0, "5F": 1})
-    with pytest.raises(NoProgram, match="name starts with generic-, which leave it to the lift company"):
+    with pytest.raises(ProgramError, match="name starts with generic-, which leave it to the lift company"):
         render(changed(lambda given: given.update(name="acme-lc3")), FLOORS)
 
 
@@ -212,7 +212,7 @@ def put(part: str, name: str, **keys: object) -> Callable[[dict[str, Any]], obje
 def test_what_the_program_could_not_serve_is_refused_with_its_cure(
     change: Callable[[dict[str, Any]], object], reason: str
 ) -> None:
-    with pytest.raises(NoProgram, match=re.escape(reason)):
+    with pytest.raises(ProgramError, match=re.escape(reason)):
         render(changed(change), FLOORS)
 
 
@@ -228,5 +228,5 @@ def test_what_the_program_could_not_serve_is_refused_with_its_cure(
     ],
 )
 def test_floors_that_the_map_cannot_say_are_refused(map_name: str, floors: dict[str, int], reason: str) -> None:
-    with pytest.raises(NoProgram, match=reason):
+    with pytest.raises(ProgramError, match=reason):
         render(load(map_name).map, floors)

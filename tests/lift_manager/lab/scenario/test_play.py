@@ -13,7 +13,7 @@ from lift_manager.lab.scenario.play import play
 from lift_manager.lab.scenario.trace import Entry
 from lift_manager.lab.scenario.verdict import lines, verdict_of
 from lift_manager.lab.scenario.vocabulary import KINDS
-from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.lift_under_test import Finding
 from register_maps.errors import MapFileError
 from register_maps.words import Table
 from simulator.faults import ForeignCell

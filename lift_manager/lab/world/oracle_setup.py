@@ -5,33 +5,33 @@ from __future__ import annotations
 from drivers.modbus.plan import plan_poll
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
-from lift_manager.lab.world.judged import Judged, Read
+from lift_manager.lab.world.lift_under_test import LiftUnderTest, PolledBlock
 from lift_manager.lab.world.oracle import Oracle
-from lift_manager.lab.world.reviewed import excuses, shown_by
+from lift_manager.lab.world.reviewed import evidence_of, excuses
 from register_maps.codec import Codec, compile_map
 
-ARRIVES_WITHIN_S = 120.0
+DEFAULT_ARRIVAL_S = 120.0
 """How long a trip may take where the map has no call that says so. Chosen: the default of the map schema's `arrive_within_s`."""
 HANDSHAKE = frozenset({"robot_in_place", "robot_left"})
 
 
-def judge_of(loaded: LoadedSite) -> Oracle:
+def oracle_of(loaded: LoadedSite) -> Oracle:
     """Return a judge who knows what the map of each lift can and cannot show."""
     return Oracle({name: _judged(loaded, name) for name in loaded.site.lifts})
 
 
-def _judged(loaded: LoadedSite, name: str) -> Judged:
+def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     codec = compile_map(source, offset=spec.offset)
-    shows, _ = shown_by(source)
+    shows, _ = evidence_of(source)
     max_age_s = spec.max_age_s or shows.max_age_s
     commands = source.commands
     arrive_within_s = max(
         (one.arrive_within_s for kind, one in commands.items() if kind.partition(".")[0] in ("go_to", "call", "go")),
-        default=ARRIVES_WITHIN_S,
+        default=DEFAULT_ARRIVAL_S,
     )
     controllers = (spec.controller, *(place.controller for place in spec.endpoints.values()))
-    return Judged(
+    return LiftUnderTest(
         controllers=controllers,
         floors=tuple(spec.floors),
         shows=shows,
@@ -52,7 +52,7 @@ def _judged(loaded: LoadedSite, name: str) -> Judged:
     )
 
 
-def _blocks(loaded: LoadedSite, name: str, codec: Codec) -> frozenset[Read]:
+def _blocks(loaded: LoadedSite, name: str, codec: Codec) -> frozenset[PolledBlock]:
     """Return what a poll of this lift reads, where and from whom."""
     placed = devices(loaded.site, loaded.site.lifts[name], codec.map)
     needs = [loaded.links[device.controller] for device in placed.values()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from itertools import chain
 
-from lift_manager.commissioning.plc.errors import NoProgram
+from lift_manager.commissioning.plc.errors import ProgramError
 from register_maps.codec import Codec, CommandCodec, SignalCodec
 from register_maps.schema import Kind, RegisterMap
 from register_maps.words import BIT_TABLES
@@ -30,7 +30,7 @@ robot down, and people wait no longer than that for their lift."""
 def check_name(source: RegisterMap) -> None:
     """Raise NoProgram for a map that says what somebody else's program does."""
     if not source.name.startswith(PREFIX):
-        raise NoProgram(
+        raise ProgramError(
             f"{source.name} describes what a lift company has programmed already; a program can be written only for "
             f"the maps whose name starts with {PREFIX}, which leave it to the lift company"
         )
@@ -38,8 +38,8 @@ def check_name(source: RegisterMap) -> None:
 
 def check(codec: Codec, floors: Mapping[str, int]) -> None:
     """Raise NoProgram for the first thing that the program could not serve."""
-    for reason in chain(_of_map(codec), _of_floors(codec, floors)):
-        raise NoProgram(f"{codec.map.name}: {reason}")
+    for reason in chain(_check_map(codec), _check_floors(codec, floors)):
+        raise ProgramError(f"{codec.map.name}: {reason}")
 
 
 def watchdog_s(codec: Codec) -> float:
@@ -47,7 +47,7 @@ def watchdog_s(codec: Codec) -> float:
     return WATCHDOG_REFRESHES * (codec.commands["robot_mode"].spec.refresh_s or 0.0)
 
 
-def _of_map(codec: Codec) -> Iterator[str]:
+def _check_map(codec: Codec) -> Iterator[str]:
     for name in codec.signals.keys() - SIGNALS:
         yield f"the program has no input from which it could tell {name}; remove that signal from the map"
     for name in codec.commands.keys() - set(COMMANDS):
@@ -61,17 +61,17 @@ def _of_map(codec: Codec) -> Iterator[str]:
     ):
         yield "the program runs on one controller; put every point on the controller itself"
     for command in codec.commands.values():
-        yield from _of_command(command)
-    yield from _of_robot_mode(codec)
+        yield from _check_command(command)
+    yield from _check_robot_mode(codec)
     hold = codec.commands.get("hold_door.front")
     if hold is not None:
-        yield from _of_hold(hold, watchdog_s(codec))
+        yield from _check_hold(hold, watchdog_s(codec))
     fire = codec.signals.get("fire")
     if fire is None or fire.decode(0) is not True:
         yield "zeros must read as fire, or a stopped program would look healthy; declare `fire` with `active: low`"
 
 
-def _of_command(command: CommandCodec) -> Iterator[str]:
+def _check_command(command: CommandCodec) -> Iterator[str]:
     wanted = "pulse" if command.name in ("go_to", "close_door.front") else "hold"
     if command.spec.action != wanted:
         yield f"{command.name} must be a {wanted} for this program; say `action: {wanted}`"
@@ -79,7 +79,7 @@ def _of_command(command: CommandCodec) -> Iterator[str]:
         yield f"{command.name} must have a coil or a whole register of its own"
 
 
-def _of_hold(command: CommandCodec, rest_s: float) -> Iterator[str]:
+def _check_hold(command: CommandCodec, rest_s: float) -> Iterator[str]:
     limit_s = command.spec.max_hold_s or 0.0
     if limit_s <= rest_s:
         yield f"hold_door.front needs a max_hold_s above the {rest_s:g} s of the watchdog"
@@ -88,7 +88,7 @@ def _of_hold(command: CommandCodec, rest_s: float) -> Iterator[str]:
         yield f"the program takes the door hold out of its cell to see it written again before max_hold_s; {cure}"
 
 
-def _of_robot_mode(codec: Codec) -> Iterator[str]:
+def _check_robot_mode(codec: Codec) -> Iterator[str]:
     spec = codec.commands["robot_mode"].spec
     if spec.refresh_s is None or spec.on_link_loss != "device_watchdog":
         cure = "give it `refresh_s` and `on_link_loss: device_watchdog`"
@@ -98,7 +98,7 @@ def _of_robot_mode(codec: Codec) -> Iterator[str]:
         yield f"the program takes each request for robot mode out of its cell, so {cure}"
 
 
-def _of_floors(codec: Codec, floors: Mapping[str, int]) -> Iterator[str]:
+def _check_floors(codec: Codec, floors: Mapping[str, int]) -> Iterator[str]:
     if len(floors) < 2:
         yield "a lift has at least two floors; name them all, lowest first"
     codes = list(floors.values())
