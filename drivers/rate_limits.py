@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 SUMMARY_EVERY_S = 60.0
@@ -15,59 +16,46 @@ OF_MANY = 6
 """A source that used more than its share gets one sixth of it in the next minute. Chosen: a condition that lasts for weeks must not fill a journal."""
 
 
+@dataclass(frozen=True, slots=True)
 class RowRateLimiter:
-    """Admits a few rows a minute; repeats of the last one and any beyond the limit are counted."""
+    """Admits a few rows a minute; repeats of the last one and any beyond the limit are counted. A value: each method returns the next."""
 
-    def __init__(self, rows: int) -> None:
-        self._rows = rows
-        self._last: Hashable = None
-        self._began = -math.inf
-        self._used = 0
-        self._share = rows
-        self._counted: Counter[str] = Counter()
-        self._since = 0.0
-        self.repeats_only = True
-        """Whether only repeats of the row admitted last were counted."""
+    rows: int
+    last: Hashable = None
+    """The row admitted last."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """Rows counted since the last summary, by word."""
+    counted_since: float = 0.0
+    repeats_only: bool = True
+    """Whether only repeats of the row admitted last were counted."""
+    _began: float = -math.inf
+    _used: int = 0
+    _share: int | None = None
+    """None before the first minute."""
 
-    def admits(self, row: Hashable, now: float, *, differs: bool = False) -> bool:
-        """Whether this gets a row of its own; `differs` if it ended differently from an equal last one."""
-        if row == self._last and not differs:
-            return False
-        if now - self._began >= SUMMARY_EVERY_S:
-            had_more = self._used > self._share and now - self._began < 2 * SUMMARY_EVERY_S
-            self._share = max(1, self._rows // OF_MANY) if had_more else self._rows
-            self._began, self._used = now, 0
-        self._used += 1
-        if self._used > self._share:
-            self.repeats_only = False
-            return False
-        self._last = row
-        return True
+    def admit(self, row: Hashable, now: float, *, differs: bool = False) -> tuple[RowRateLimiter, bool]:
+        """Return whether this gets a row of its own; `differs` if it ended differently from an equal last one."""
+        if row == self.last and not differs:
+            return self, False
+        share, began, used = self.rows if self._share is None else self._share, self._began, self._used
+        if now - began >= SUMMARY_EVERY_S:
+            had_more = used > share and now - began < 2 * SUMMARY_EVERY_S
+            share, began, used = max(1, self.rows // OF_MANY) if had_more else self.rows, now, 0
+        after = replace(self, _share=share, _began=began, _used=used + 1)
+        return (replace(after, repeats_only=False), False) if used >= share else (replace(after, last=row), True)
 
-    def is_last(self, row: Hashable) -> bool:
-        """Whether this row was admitted last."""
-        return row == self._last
-
-    def count(self, word: str, now: float) -> None:
+    def count(self, word: str, now: float) -> RowRateLimiter:
         """Count a row that was not admitted, under its `word`."""
-        if not self._counted:
-            self._since = now
-        self._counted[word] += 1
-
-    @property
-    def has_counts(self) -> bool:
-        """Whether rows were counted since the last summary."""
-        return bool(self._counted)
+        counts = {**self.counts, word: self.counts.get(word, 0) + 1}
+        return replace(self, counts=counts, counted_since=self.counted_since if self.counts else now)
 
     def is_due(self, now: float) -> bool:
         """Whether a summary is due."""
-        return bool(self._counted) and now - self._since >= SUMMARY_EVERY_S
+        return bool(self.counts) and now - self.counted_since >= SUMMARY_EVERY_S
 
-    def take_counts(self, now: float) -> tuple[Counter[str], float]:
-        """Return the counts and the seconds they cover, and reset them."""
-        counted, self._counted = self._counted, Counter()
-        self.repeats_only = True
-        return counted, now - self._since
+    def cleared(self) -> RowRateLimiter:
+        """Return it after the summary of what was counted."""
+        return replace(self, counts={}, repeats_only=True)
 
 
 class ChangeRateLimiter:
@@ -78,19 +66,25 @@ class ChangeRateLimiter:
 
     def admits(self, word: str, now: float) -> bool:
         """Whether this change is reported by itself; otherwise it is counted under its `word`."""
-        if not self._rows.has_counts and self._rows.admits(object(), now):
-            return True
-        self._rows.count(word, now)
-        return False
+        is_admitted = False
+        if not self._rows.counts:
+            self._rows, is_admitted = self._rows.admit(object(), now)
+        if not is_admitted:
+            self._rows = self._rows.count(word, now)
+        return is_admitted
 
     @property
     def has_counts(self) -> bool:
         """Whether changes were counted since the last summary."""
-        return self._rows.has_counts
+        return bool(self._rows.counts)
 
     def summary(self, now: float, *, end: bool = False) -> tuple[Counter[str], float] | None:
         """Return the counts and the seconds they cover, if a summary is due or this is the `end`."""
-        return self._rows.take_counts(now) if self._rows.has_counts and (end or self._rows.is_due(now)) else None
+        rows = self._rows
+        if not rows.counts or not (end or rows.is_due(now)):
+            return None
+        self._rows = rows.cleared()
+        return Counter(rows.counts), now - rows.counted_since
 
 
 CALLERS = 64
@@ -107,31 +101,3 @@ def get_or_add(
     found = kept.setdefault(key, make())
     kept.move_to_end(key)
     return found, kept.popitem(last=False) if len(kept) > CALLERS else None
-
-
-TURNS = 30
-TURN_EVERY_S = 3.0
-"""How often one caller may open a session or change its floor: `TURNS` at once, then once every `TURN_EVERY_S`. Chosen: a ride takes longer, and
-a caller that requests another floor 900 times a second must wear out neither the lift nor the journal."""
-
-
-class CallerTurns:
-    """Limits how often each caller may open a session or change its floor."""
-
-    def __init__(self) -> None:
-        self._used: OrderedDict[Hashable, tuple[float, float]] = OrderedDict()
-        """Turns used, and when that was counted; an absent caller has all of its turns."""
-
-    def wait_s(self, caller: Hashable, now: float) -> float:
-        """Return how long a caller has to wait for its next turn; 0 if it has one."""
-        return max(0.0, (self._spent(caller, now) - (TURNS - 1)) * TURN_EVERY_S)
-
-    def take(self, caller: Hashable, now: float) -> None:
-        """Use one turn."""
-        spent = self._spent(caller, now) + 1
-        get_or_add(self._used, caller, lambda: (0.0, now))
-        self._used[caller] = (spent, now)
-
-    def _spent(self, caller: Hashable, now: float) -> float:
-        used, at = self._used.get(caller, (0.0, now))
-        return max(0.0, used - (now - at) / TURN_EVERY_S)

@@ -5,12 +5,12 @@ Row suppression is a reducer beside `step`: it sees each request with its reply,
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from drivers.model import Command, FloorName, Outcome, Proof, Written
+from drivers.rate_limits import CALLERS, RowRateLimiter
 from lift_manager.lift.commands import CommandState, CommandStatus, CommandType
 from lift_manager.lift.events import (
     Acknowledged,
@@ -45,13 +45,6 @@ from register_maps.words import Mode
 
 REQUEST_ROWS = 30
 """Requests of one caller for one lift that have rows of their own, a minute. Chosen: more than a ride and its second thoughts need."""
-COUNTED_FOR_S = 60.0
-"""How long something is counted before a row tells of it. Chosen: robots repeat themselves once a second, and one row a minute shows that
-they still do."""
-SHARE_OF_MANY = 6
-"""A caller that had more than its share gets this part of it in the next minute. Chosen: what goes on for weeks must not fill a journal."""
-CALLERS = 64
-"""Callers that are told apart. Chosen: far more robots than wait for one lift."""
 
 # -- events
 
@@ -262,52 +255,10 @@ def refusal_row(lift: str, words: RequestWords, refused: Refused) -> Row:
 
 
 @dataclass(frozen=True, slots=True)
-class RowLimiter:
-    """Admits some rows a minute one by one; repeats of the last, and what is beyond, are counted."""
-
-    rows: int
-    last: object = None
-    began: float = -math.inf
-    used: int = 0
-    share: int | None = None
-    """None until the first minute."""
-    counts: Mapping[str, int] = field(default_factory=dict)
-    counted_since: float = 0.0
-    only_repeats: bool = True
-    """All that was counted is what was admitted last."""
-
-    def admit(self, what: object, now: float, *, again: bool = False) -> tuple[RowLimiter, bool]:
-        """Return whether this is to have a row of its own; `again` where the last one did not end like this."""
-        if what == self.last and not again:
-            return self, False
-        share, began, used = self.rows if self.share is None else self.share, self.began, self.used
-        if now - began >= COUNTED_FOR_S:
-            had_more = used > share and now - began < 2 * COUNTED_FOR_S
-            share, began, used = max(1, self.rows // SHARE_OF_MANY) if had_more else self.rows, now, 0
-        after = replace(self, share=share, began=began, used=used + 1)
-        if after.used > share:
-            return replace(after, only_repeats=False), False
-        return replace(after, last=what), True
-
-    def count(self, word: str, now: float) -> RowLimiter:
-        """Count one that was not admitted, by what it was."""
-        counts = {**self.counts, word: self.counts.get(word, 0) + 1}
-        return replace(self, counts=counts, counted_since=self.counted_since if self.counts else now)
-
-    def is_due(self, now: float) -> bool:
-        """Whether something was counted for long enough."""
-        return bool(self.counts) and now - self.counted_since >= COUNTED_FOR_S
-
-    def cleared(self) -> RowLimiter:
-        """Return it once a row has told what was counted."""
-        return replace(self, counts={}, only_repeats=True)
-
-
-@dataclass(frozen=True, slots=True)
 class CallerRows:
     """What one caller asked of one lift last, and what of it was only counted."""
 
-    limiter: RowLimiter = field(default_factory=lambda: RowLimiter(REQUEST_ROWS))
+    limiter: RowRateLimiter = field(default_factory=lambda: RowRateLimiter(REQUEST_ROWS))
     words: RequestWords | None = None
     """The newest with a row of its own."""
     answer: str = ""
@@ -329,7 +280,7 @@ class RequestRows:
         rows, caller, made = self._having_room(words.holder, now)
         limiter, is_admitted = caller.limiter.admit(kind, now)
         if not is_admitted and kind == limiter.last and caller.answer and caller.answer != answer:
-            limiter, is_admitted = limiter.admit(kind, now, again=True)
+            limiter, is_admitted = limiter.admit(kind, now, differs=True)
         if not is_admitted:
             limiter = limiter.count(answer, now)
             if limiter.is_due(now):
@@ -381,7 +332,7 @@ def _counted(lift: str, holder: Holder, caller: CallerRows, now: float) -> tuple
     if not limiter.counts:
         return ()
     times, for_s = sum(limiter.counts.values()), now - limiter.counted_since
-    if not limiter.only_repeats or words is None:
+    if not limiter.repeats_only or words is None:
         answers = ", ".join(f"{count} {code}" for code, count in sorted(limiter.counts.items()))
         text = f"asks {times} times more within {for_s:.0f} s: {answers}"
         data: dict[str, Json] = {"times": times, "answers": dict(limiter.counts)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from drivers.rate_limits import CALLERS
 from lift_manager.lift.refusals import Blocking, Refusal, Refused
 from lift_manager.lift.session import RMF, Holder
 
@@ -14,8 +15,6 @@ WAITS_BY_REPEATING = WAITS_AS_ONE | {"api"}
 """Faces whose callers wait because they were refused, for as long as they ask again. Rides join and leave by themselves."""
 LAPSES_AFTER_S = 5.0
 """A caller that has to ask again leaves the queue when it was silent for so long. RMF asks once a second (open-rmf 1.6)."""
-CALLERS = 64
-"""Callers that are told apart. Chosen: far more robots than wait for one lift."""
 
 Place = Holder | str
 """Who has a place: a holder, or a face whose callers wait as one."""

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 from drivers.model import FloorName
+from drivers.rate_limits import CALLERS
 from lift_manager.lift import call_press, doors, handshake, history, queue
 from lift_manager.lift.advance import advance
 from lift_manager.lift.call import CallPhase, call_after_restart, call_holds_door, request_call, request_call_again
@@ -41,7 +42,6 @@ from lift_manager.lift.inputs import (
 )
 from lift_manager.lift.observation import is_fresh
 from lift_manager.lift.occupancy import RobotWord
-from lift_manager.lift.queue import CALLERS
 from lift_manager.lift.refusals import STOPPING, Accepted, Refusal, Refused
 from lift_manager.lift.session import (
     EndReason,

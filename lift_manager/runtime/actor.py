@@ -55,7 +55,7 @@ _ID_BYTES = 16
 
 
 class LiftActor:
-    """One lift: its driver, its newest record, and the order in which things happen to it. The `Above` of its driver."""
+    """One lift: its driver, its newest record, and the order in which things happen to it. The `DriverOwner` of its driver."""
 
     def __init__(
         self,

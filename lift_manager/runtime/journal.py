@@ -235,9 +235,10 @@ class _Link:
         if before is None or bool(fault) is not bool(before):
             row = audit.link_row(self._lift, self._source, fault)
             return self._changes.rows(row, "not read" if fault else "read", now)
-        is_another = bool(self._logged) and without_seconds(fault) != without_seconds(self._logged)
-        if answers and is_another and self._reasons.admits(object(), now):
-            self._line(fault, is_read=False)
+        if answers and self._logged and without_seconds(fault) != without_seconds(self._logged):
+            self._reasons, is_admitted = self._reasons.admit(object(), now)
+            if is_admitted:
+                self._line(fault, is_read=False)
         return ()
 
     def due(self, now: float, *, end: bool = False) -> tuple[Row, ...]:

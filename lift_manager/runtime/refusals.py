@@ -44,7 +44,7 @@ class RefusalLog:
 
     def __init__(self, rows: Rows) -> None:
         self._rows = rows
-        self._sparing: OrderedDict[tuple[RowKind, str], RowRateLimiter] = OrderedDict()
+        self._limiters: OrderedDict[tuple[RowKind, str], RowRateLimiter] = OrderedDict()
         """By caller. Those without a key are one, and so are people: they sign with any name."""
         self.counts: Counter[tuple[str, str]] = Counter()
         """Every refusal, written down or not, by lift and code; the lift is empty where none of the site was named."""
@@ -79,28 +79,31 @@ class RefusalLog:
     def report(self, *, end: bool = False) -> None:
         """Write down what was counted for a minute, or at the end all of it."""
         now = asyncio.get_running_loop().time()
-        for whose, sparing in self._sparing.items():
-            if end or sparing.is_due(now):
-                self._report(whose, sparing, now)
+        for whose, limiter in self._limiters.items():
+            if end or limiter.is_due(now):
+                self._limiters[whose] = self._reported(whose, limiter, now)
 
     def _note(self, whose: tuple[RowKind, str], code: str, row: Row) -> None:
         now = asyncio.get_running_loop().time()
-        sparing, gone = get_or_add(self._sparing, whose, lambda: RowRateLimiter(REFUSALS))
+        limiter, gone = get_or_add(self._limiters, whose, lambda: RowRateLimiter(REFUSALS))
         if gone is not None:
-            self._report(*gone, now)
-        if sparing.admits((row.lift, row.caller, row.text), now):
-            self._report(whose, sparing, now)
+            self._reported(*gone, now)
+        limiter, is_admitted = limiter.admit((row.lift, row.caller, row.text), now)
+        if not is_admitted:
+            limiter = limiter.count(code, now)
+        if is_admitted or limiter.is_due(now):
+            limiter = self._reported(whose, limiter, now)
+        self._limiters[whose] = limiter
+        if is_admitted:
             self._rows.note(row)
-            return
-        sparing.count(code, now)
-        if sparing.is_due(now):
-            self._report(whose, sparing, now)
 
-    def _report(self, whose: tuple[RowKind, str], sparing: RowRateLimiter, now: float) -> None:
-        if not sparing.has_counts:
-            return
-        answers, for_s = sparing.take_counts(now)
+    def _reported(self, whose: tuple[RowKind, str], limiter: RowRateLimiter, now: float) -> RowRateLimiter:
+        """Write down what was only counted; return the limiter after that."""
+        answers, for_s = limiter.counts, now - limiter.counted_since
+        if not answers:
+            return limiter
         kind, caller = whose
-        times, shown = answers.total(), ", ".join(f"{count} {code}" for code, count in sorted(answers.items()))
+        times, shown = sum(answers.values()), ", ".join(f"{count} {code}" for code, count in sorted(answers.items()))
         text = f"refused {times} times more within {for_s:.0f} s: {shown}"
         self._rows.note(Row(kind, text, "", caller, {"times": times, "answers": dict(answers)}))
+        return limiter.cleared()

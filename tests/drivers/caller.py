@@ -26,7 +26,7 @@ LEAVE_WITHIN_S = 10.0
 
 
 class Caller:
-    """The `Above` of one driver. A hold that is lost is put on again at once, as long as it is declared."""
+    """The `DriverOwner` of one driver. A hold that is lost is put on again at once, as long as it is declared."""
 
     def __init__(self, driver: LiftDriver, log: LogByHand | None = None) -> None:
         self.driver = driver

@@ -6,7 +6,8 @@ from typing import get_args
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
-from lift_manager.lift.audit import CALLERS, COUNTED_FOR_S, REQUEST_ROWS, RequestRows, row_of, words_of
+from drivers.rate_limits import CALLERS, SUMMARY_EVERY_S
+from lift_manager.lift.audit import REQUEST_ROWS, RequestRows, row_of, words_of
 from lift_manager.lift.commands import CommandRequest, CommandState, CommandStatus, CommandType
 from lift_manager.lift.events import (
     Acknowledged,
@@ -56,10 +57,10 @@ def test_a_request_and_its_refusal_have_rows() -> None:
 
 def test_repeats_are_counted_and_told_once_a_minute() -> None:
     rows, _ = taken(RequestRows("lift"), asked(), 0.0)
-    for second in range(1, round(COUNTED_FOR_S) + 1):
+    for second in range(1, round(SUMMARY_EVERY_S) + 1):
         rows, made = taken(rows, asked(), float(second))
         assert made == []
-    _, made = taken(rows, asked(), COUNTED_FOR_S + 1)
+    _, made = taken(rows, asked(), SUMMARY_EVERY_S + 1)
     assert made == ["asks for L2 again, 61 times within 60 s, with the same answer"]
 
 

@@ -2,8 +2,9 @@
 
 import pytest
 
+from drivers.rate_limits import CALLERS
 from lift_manager.lift import queue
-from lift_manager.lift.queue import CALLERS, LAPSES_AFTER_S, Queue
+from lift_manager.lift.queue import LAPSES_AFTER_S, Queue
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.rmf import rmf_holder
 from lift_manager.lift.session import Holder

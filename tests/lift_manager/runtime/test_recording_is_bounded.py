@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from itertools import count, cycle
 
-from lift_manager.lift.audit import COUNTED_FOR_S, REQUEST_ROWS, SHARE_OF_MANY
+from drivers.rate_limits import OF_MANY, SUMMARY_EVERY_S
+from lift_manager.lift.audit import REQUEST_ROWS
 from lift_manager.lift.inputs import LiftRequest
 from lift_manager.lift.journal import FLOOR_LETTERS, Row, RowKind
 from lift_manager.lift.refusals import Refusal, Refused
@@ -54,10 +55,10 @@ def test_a_caller_that_alternates_has_a_few_rows_a_minute_and_the_rest_by_code()
         lambda journal, now: request(journal, now, next(floors), next(answers)),
         times=6000,
         every_s=0.1,
-        then_s=COUNTED_FOR_S,
+        then_s=SUMMARY_EVERY_S,
     )
     one_by_one = [row for row in rows if row.text.startswith("asks for")]
-    assert REQUEST_ROWS <= len(one_by_one) <= REQUEST_ROWS + 10 * (REQUEST_ROWS // SHARE_OF_MANY)
+    assert REQUEST_ROWS <= len(one_by_one) <= REQUEST_ROWS + 10 * (REQUEST_ROWS // OF_MANY)
     assert len(rows) < 2.1 * len(one_by_one) + 12
     assert counted(rows) + len(one_by_one) == 6000
     more = [row for row in rows if "times more" in row.text]
@@ -92,7 +93,9 @@ def test_floors_that_nobody_has_are_one_kind_and_their_names_are_cut() -> None:
 
 def test_a_mode_that_flickers_is_counted_and_its_last_value_is_there() -> None:
     modes = cycle([Mode.NORMAL, Mode.UNKNOWN])
-    rows = on_journal(lambda journal, now: journal.mode(next(modes), now), times=601, every_s=0.2, then_s=COUNTED_FOR_S)
+    rows = on_journal(
+        lambda journal, now: journal.mode(next(modes), now), times=601, every_s=0.2, then_s=SUMMARY_EVERY_S
+    )
     one_by_one = [row for row in rows if "times" not in row.data]
     assert len(rows) < CHANGES + 8
     assert counted(rows) + len(one_by_one) == 601
@@ -103,7 +106,7 @@ def test_a_mode_that_flickers_is_counted_and_its_last_value_is_there() -> None:
 def test_a_link_that_flaps_is_counted_and_how_it_is_at_last_is_there() -> None:
     faults = cycle(["", "no answer"])
     rows = on_journal(
-        lambda journal, now: journal.link(next(faults), now), times=300, every_s=1.0, then_s=COUNTED_FOR_S
+        lambda journal, now: journal.link(next(faults), now), times=300, every_s=1.0, then_s=SUMMARY_EVERY_S
     )
     assert len(rows) < CHANGES + 12
     assert counted(rows) + len([row for row in rows if "times" not in row.data]) == 300
@@ -116,7 +119,7 @@ def test_what_was_counted_is_told_a_minute_later_though_nobody_asks_any_more() -
         for _ in range(3):
             request(journal, now, "L1", NO)
 
-    rows = on_journal(thrice, times=1, every_s=0.0, then_s=COUNTED_FOR_S)
+    rows = on_journal(thrice, times=1, every_s=0.0, then_s=SUMMARY_EVERY_S)
     assert [row.data.get("times") for row in rows] == [None, None, 2]
 
 
@@ -125,7 +128,7 @@ def test_a_caller_that_was_quiet_for_a_while_has_its_whole_share_again() -> None
         for number in range(2 * REQUEST_ROWS):
             request(journal, now, f"L{number}", None)
 
-    rows = on_journal(many, times=2, every_s=10 * COUNTED_FOR_S)
+    rows = on_journal(many, times=2, every_s=10 * SUMMARY_EVERY_S)
     assert len([row for row in rows if row.text.startswith("asks for")]) == 2 * REQUEST_ROWS
 
 
@@ -250,7 +253,7 @@ def test_a_running_manager_tells_what_was_counted_though_nobody_asks_any_more_an
         async with spine(recorder=journal) as lift:
             for _ in range(3):
                 lift.refuse("attic")
-            await elapse(2 * COUNTED_FOR_S)
+            await elapse(2 * SUMMARY_EVERY_S)
             assert counted(journal.rows) == 2
             lift.refuse("attic")
             await lift.life.stop()
