@@ -117,6 +117,8 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
     values = None if observation is None else observation.values
     released_at = None if session is None else releases_at(session, config)
     flags = {} if values is None else values.flags
+    kept_off = restrictions(config, record, moment)
+    door = RobotDoor.MOVING if observation is None else door_for_robots(config, record, moment, observation, kept_off)
     return LiftState(
         lift=config.name,
         floors=config.floors,
@@ -126,7 +128,7 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
         floor=floor,
         standing=observation is not None and observation.is_standing,
         destination=floor if session is None or session.floor is None else session.floor,
-        robot_door=door_for_robots(config, record, moment),
+        robot_door=door,
         doors={} if observation is None else observation.doors,
         motion=Motion.UNKNOWN if observation is None else _motion(observation),
         mode=Mode.UNKNOWN if values is None else values.mode,
@@ -134,7 +136,7 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
         held_since_s=None if session is None else now - session.opened_at,
         permissions={name: flags[name] for name in PERMISSIONS if name in flags},
         not_visible=config.capabilities.not_visible,
-        restrictions=restrictions(config, record, moment),
+        restrictions=kept_off,
         waiting=len(queue.waiting(record.queue, now)),
         ending=session is not None and session.ended_by_holder,
         releases_at=released_at,
@@ -142,22 +144,22 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
     )
 
 
-def door_for_robots(config: LiftConfig, record: LiftRecord, moment: Moment) -> RobotDoor:
+def door_for_robots(
+    config: LiftConfig, record: LiftRecord, moment: Moment, observation: Observation, kept_off: Restrictions
+) -> RobotDoor:
     """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may.
 
     Behind a lockout or an unacknowledged fire it invites nobody, nor a session that still waits for its lift, nor one whose door
     is released soon.
     """
-    observation, session = fresh(config, record, moment), record.session
-    if observation is None:
-        return RobotDoor.MOVING
+    session = record.session
     here = config.doors_at.get(observation.floor, ()) if observation.floor is not None else ()
     aboard = None if session is None else is_aboard(record.boarding, config.capabilities)
     door = robot_door(observation, here, permissions_needed(config.capabilities, aboard=aboard))
     if door is not RobotDoor.OPEN:
         return door
     is_kept_out = record.durable.fire_since is not None or record.restriction(RestrictionKind.LOCKOUT) is not None
-    if is_kept_out or waits_for(config, record, moment) or moment.now >= _invites_until(config, record):
+    if is_kept_out or kept_off.waiting_for or moment.now >= _invites_until(config, record):
         return RobotDoor.MOVING
     if session is None:
         return door
