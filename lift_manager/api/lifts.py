@@ -11,8 +11,7 @@ from pydantic import Field
 from lift_manager.api.fields import Answer, Seconds
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.observation import RobotDoor
-from lift_manager.lift.signals import LiftSignals
-from lift_manager.lift.state import LiftState, Quality
+from lift_manager.lift.state import LiftSignals, LiftState, Quality
 from register_maps.words import Door, Mode, Motion, Side
 
 Age = Annotated[Seconds | None, Field(description="Seconds; null when there never was a reading.", examples=[0.12])]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from enum import StrEnum, unique
 from operator import attrgetter
 
-from drivers.model import FloorName
+from drivers.model import FloorName, SignalValue
 from lift_manager.lift import doors, queue
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import RestrictionKind
@@ -103,6 +103,18 @@ class LiftState:
     """Seconds until the manager releases the door by itself at the earliest, as far as it knows; None while nobody holds the lift."""
     releases_at: float | None = None
     """The same as monotonic seconds of the event loop, which only a renewal moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiftSignals:
+    """Every signal of a lift as it was read last."""
+
+    lift: str
+    age_s: float | None
+    """Of the last whole reading; None when there never was one."""
+    max_age_s: float
+    """Older than this nothing of it may be acted on."""
+    signals: tuple[SignalValue, ...]
 
 
 _PASSING = ("age_s", "held_since_s", "releases_in_s", "releases_at", "reason")

@@ -28,8 +28,7 @@ from lift_manager.lift.refusals import Accepted, Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.rmf import RmfRules
 from lift_manager.lift.session import EndReason, Holder
-from lift_manager.lift.signals import LiftSignals
-from lift_manager.lift.state import LiftState
+from lift_manager.lift.state import LiftSignals, LiftState
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.errors import raised
 from lift_manager.runtime.recorder import MemoryRecorder, Recorder
