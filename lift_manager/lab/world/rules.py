@@ -262,9 +262,11 @@ class Rules:
         here = None if truth is None else truth.open_at if told_by_doors else truth.at
         # a session that stays wants the lift also without its door
         releases = not (request.hold_door or request.stays) and truth is not None and here in (floor, None)
-        # between floors it is a call, if the manager has not seen the car where it is released; a robot inside releases nothing
-        between = truth is not None and here is None
-        if notes.requested_since is not None and (not releases or between or request.robot is RobotWord.IN_PLACE):
+        # where the manager does not see the car at this floor it is a call; a robot inside releases nothing
+        state = notes.state
+        said_elsewhere = state is not None and state.quality is Quality.LIVE and state.floor not in (floor, None)
+        is_call = not releases or (truth is not None and here is None) or said_elsewhere
+        if notes.requested_since is not None and (is_call or request.robot is RobotWord.IN_PLACE):
             notes.requested_since.setdefault(holder, set()).add(floor)
         if releases or request.robot is not None:
             return
