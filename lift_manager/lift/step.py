@@ -205,7 +205,7 @@ def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
         record = replace(record, queue=queue.lapse(record.queue, draft.now))
     if record.durable is not before.durable or draft.actions or draft.events:
         record = replace(record, sequence=record.sequence + 1)
-    wake_at = _next_change(config, record, draft.moment)
+    wake_at = next_change(config, record, draft.moment)
     return Step(record, tuple(draft.actions), reply, tuple(draft.events), wake_at)
 
 
@@ -316,8 +316,11 @@ def _take_commit_failure(draft: Draft, reason: str) -> None:
 # -- when to look again
 
 
-def _next_change(config: LiftConfig, record: LiftRecord, moment: Moment) -> float:
-    """Return the next moment at which something changes without an input; infinite for none."""
+def next_change(config: LiftConfig, record: LiftRecord, moment: Moment) -> float:
+    """Return the first time after `moment` at which something changes without an input; infinite for none.
+
+    A reading that is no news (`is_news`) moves it without a step.
+    """
     times = [queue.next_lapse(record.queue)]
     times += _changes_of_reading(config, record, moment)
     if record.fire_release_at is not None:

@@ -34,13 +34,14 @@ from lift_manager.lift.inputs import (
     ReadFailed,
     Reading,
     Request,
+    Tick,
 )
 from lift_manager.lift.observation import Moment
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.state import LiftState, restrictions, same_but_for_time, state
-from lift_manager.lift.step import Reply, Step, is_news, note_outputs, start, step
+from lift_manager.lift.step import Reply, Step, is_news, next_change, note_outputs, start, step
 from lift_manager.rides.record import SavedRide
 from lift_manager.runtime.bus import Bus, Event, StateChanged
 from lift_manager.runtime.inbox import Inbox
@@ -82,9 +83,13 @@ class LiftActor:
         self._clock = clock or wall_clock()
         self._read_at = -math.inf
         """Monotonic seconds; nothing that the lift said is older than this."""
+        self._stepped_at = -math.inf
+        """Monotonic seconds, of the step that made this record."""
         self._has_begun = self._is_taking = False
         self._published: LiftState | None = None
         """The state of its newest event."""
+        self._published_of: LiftRecord | None = None
+        """The record whose state was compared with it last."""
         driver.attach(self)
 
     def begin(self) -> None:
@@ -160,7 +165,8 @@ class LiftActor:
 
     def freshen(self) -> None:
         """Publish a change of the state that was not published yet, whether or not anybody listens."""
-        self._publish_state(self.moment)
+        if self._published_of is not self.record or _now() >= self.inbox.wake_at:
+            self._publish_state(self.moment)
 
     def publish(self, event: LiftEvent) -> None:
         """Publish an event of this lift, once its row and its line in the log are there."""
@@ -185,6 +191,9 @@ class LiftActor:
     def _step(self, happened: Input) -> Reply | None:
         moment, record, known = self.moment, self.record, self.outputs.shown
         match happened:
+            case Tick() if (due := self._next_change()) > moment.now:
+                self.inbox.wake(due)  # the readings since the last step were no news, and this one is not too old yet
+                return None
             case Reading(reading):
                 happened = Reading(reading, known)
                 self._read_at = reading.at
@@ -206,7 +215,7 @@ class LiftActor:
 
     def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:
         """Assign the record, publish, and then have declared, pressed and written down what follows from it."""
-        before, self.record = self.record, done.record
+        before, self.record, self._stepped_at = self.record, done.record, moment.now
         self.journal.call(before.call, done.record.call)
         for event in done.events:
             self.publish(event)
@@ -220,6 +229,10 @@ class LiftActor:
     def _save(self) -> None:
         self._recorder.keep(self.config.name, SavedLift(self.record.durable, self.saved_rides))
 
+    def _next_change(self) -> float:
+        """Return the first time since the last step at which something changes, by the newest reading."""
+        return next_change(self.config, self.record, replace(self.moment, now=self._stepped_at))
+
     def _take_trouble(self) -> None:
         """Let the rules know whether anything can be written down."""
         trouble = self._recorder.trouble
@@ -230,7 +243,7 @@ class LiftActor:
 
     def _publish_state(self, moment: Moment) -> None:
         """Give a state an event of its own, if it is another one than that of the newest."""
-        now = state(self.config, self.record, moment)
+        now, self._published_of = state(self.config, self.record, moment), self.record
         if self._published is None or not same_but_for_time(now, self._published):
             self._published = now
             self._bus.publish(StateChanged(self.config.name, now))

@@ -20,7 +20,8 @@ class Inbox:
         self._queue: deque[Input] = deque()
         self._soon: asyncio.Handle | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._wake_at = math.inf
+        self.wake_at = math.inf
+        """When it ticks next; until then time alone changes nothing."""
         self._bug: Future[None] | None = None
 
     def __len__(self) -> int:
@@ -39,9 +40,9 @@ class Inbox:
 
     def wake(self, at: float) -> None:
         """Tick at this time, whatever comes or does not come before."""
-        if at == self._wake_at:
+        if at == self.wake_at:
             return
-        self._wake_at = at
+        self.wake_at = at
         if self._timer is not None:
             self._timer.cancel()
         if at < math.inf:
@@ -57,7 +58,7 @@ class Inbox:
         self._guarded()
 
     def _tick(self) -> None:
-        self._wake_at = math.inf
+        self.wake_at = math.inf
         self._queue.append(Tick())
         self._guarded()
 

@@ -52,23 +52,23 @@ def workshop_router(site: Site) -> APIRouter:
         return workshop_success({"lift_names": site.lift_names()})
 
     async def lift_state(request: Request) -> Response:
-        return _state_answer(_named_lift(site, request))
+        return _state_answer(site.state(_named_lift(site, request)))
 
     async def lift_request(request: Request) -> Response:
         body = await read_body(request)
         try:
-            state = _named_lift(site, request)
+            lift = _named_lift(site, request)
         except RequestError:
-            lift = "".join(named_lifts(request.scope)[:1])
-            site.turned_away(face_refusal(request, "unknown_lift", "it names no lift of this site", lift))
+            named = "".join(named_lifts(request.scope)[:1])
+            site.turned_away(face_refusal(request, "unknown_lift", "it names no lift of this site", named))
             raise
         if is_from_another_site(request):
-            site.turned_away(face_refusal(request, "another_site", FOREIGN_PAGE, state.lift))
+            site.turned_away(face_refusal(request, "another_site", FOREIGN_PAGE, lift))
             raise RequestError("another_site", f"{FOREIGN_PAGE}; only programs and this manager's own pages may")
-        floor, hold_door = _read_request(body, state.floors)
+        floor, hold_door = _read_request(body, site.config(lift).floors)
         key = caller_key(request)
         holder = WORKSHOP if key is None else Holder(WORKSHOP.face, key.name)
-        site.request(state.lift, holder, floor, hold_door=hold_door)
+        site.request(lift, holder, floor, hold_door=hold_door)
         return workshop_success({})
 
     router.add_api_route("/lift_names", lift_names, methods=["GET"], **docs.lift_names(names))
@@ -77,7 +77,7 @@ def workshop_router(site: Site) -> APIRouter:
     return router
 
 
-def _named_lift(site: Site, request: Request) -> LiftState:
+def _named_lift(site: Site, request: Request) -> str:
     lifts = ", ".join(site.lift_names())
     if len(request.scope["query_string"]) > LIMIT_BYTES:
         raise RequestError("malformed", f"{TOO_LONG}; lift_name must be one of: {lifts}")
@@ -88,7 +88,7 @@ def _named_lift(site: Site, request: Request) -> LiftState:
         raise RequestError("malformed", f"lift_name is given {len(names)} times; give it once, as one of: {lifts}")
     if names[0] not in site.lift_names():
         raise RequestError("unknown_lift", f"unknown lift {quoted(names[0])}; lift_name must be one of: {lifts}")
-    return site.state(names[0])
+    return names[0]
 
 
 def _state_answer(state: LiftState) -> Response:
