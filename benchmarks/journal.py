@@ -84,7 +84,7 @@ async def store(folder: Path) -> AsyncIterator[Press]:
 
     async def press() -> None:
         kept.keep("east", SavedLift())
-        if (why := await kept.before(ROW)) is not None:
+        if (why := await kept.commit_now(ROW)) is not None:
             raise SystemExit(why)
 
     yield press

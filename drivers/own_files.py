@@ -6,7 +6,7 @@ import errno
 import os
 from pathlib import Path
 
-_NOT_FOLLOWED = "it is a symbolic link, and links are not followed; put the file itself there"
+NOT_FOLLOWED = "it is a symbolic link, and links are not followed; put the file itself there"
 
 
 def open_own(path: Path, flags: int = os.O_RDWR) -> int:
@@ -44,5 +44,5 @@ def _open(path: Path, flags: int) -> int:
         return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     except OSError as error:
         if error.errno == errno.ELOOP:
-            raise OSError(error.errno, _NOT_FOLLOWED, str(path)) from error
+            raise OSError(error.errno, NOT_FOLLOWED, str(path)) from error
         raise

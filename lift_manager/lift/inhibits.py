@@ -56,7 +56,7 @@ def blocked_by(
     """
     session, is_press = record.session, press_id is not None
     if is_press and all(pending.id != press_id for pending in record.presses):
-        return "nobody wants it any more"
+        return "nobody requests it any more"
     if command.kind is CommandKind.ROBOT_LEFT:
         return why_no_robot_left(config, record, moment)
     if is_press and session is not None and session.end is not None:

@@ -7,6 +7,7 @@ import logging
 import math
 import secrets
 from dataclasses import replace
+from datetime import UTC, datetime
 
 from drivers.driver import LiftDriver, Report
 from drivers.errors import ControllerException, DriverError
@@ -53,6 +54,7 @@ _log = logging.getLogger(__name__)
 
 
 _ID_BYTES = 16
+_NEVER = Moment(-math.inf, datetime.min.replace(tzinfo=UTC), -math.inf)
 
 
 class LiftActor:
@@ -83,8 +85,8 @@ class LiftActor:
         self._clock = clock or wall_clock()
         self._read_at = -math.inf
         """Monotonic seconds; nothing that the lift said is older than this."""
-        self._stepped_at = -math.inf
-        """Monotonic seconds, of the step that made this record."""
+        self._stepped_at = _NEVER
+        """When the step was that made this record."""
         self._has_begun = self._is_taking = False
         self._published: LiftState | None = None
         """The state of its newest event."""
@@ -189,11 +191,11 @@ class LiftActor:
             self._is_taking = False
 
     def _step(self, happened: Input) -> Reply | None:
+        if isinstance(happened, Tick) and (due := self._next_change()) > _now():
+            self.inbox.wake(due)  # the readings since the last step were no news, and the newest is not too old yet
+            return None
         moment, record, known = self.moment, self.record, self.outputs.shown
         match happened:
-            case Tick() if (due := self._next_change()) > moment.now:
-                self.inbox.wake(due)  # the readings since the last step were no news, and this one is not too old yet
-                return None
             case Reading(reading):
                 happened = Reading(reading, known)
                 self._read_at = reading.at
@@ -215,7 +217,7 @@ class LiftActor:
 
     def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:
         """Assign the record, publish, and then have declared, pressed and written down what follows from it."""
-        before, self.record, self._stepped_at = self.record, done.record, moment.now
+        before, self.record, self._stepped_at = self.record, done.record, moment
         self.journal.call(before.call, done.record.call)
         for event in done.events:
             self.publish(event)
@@ -231,7 +233,7 @@ class LiftActor:
 
     def _next_change(self) -> float:
         """Return the first time since the last step at which something changes, by the newest reading."""
-        return next_change(self.config, self.record, replace(self.moment, now=self._stepped_at))
+        return next_change(self.config, self.record, replace(self._stepped_at, read_at=self._read_at))
 
     def _take_trouble(self) -> None:
         """Let the rules know whether anything can be written down."""

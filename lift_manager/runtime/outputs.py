@@ -31,7 +31,7 @@ from lift_manager.runtime.recorder import Recorder
 
 _log = logging.getLogger(__name__)
 
-NOT_SENT = "not sent: something else was wanted instead"
+NOT_SENT = "not sent: something else was requested instead"
 
 
 class LiftOutputs:
@@ -141,7 +141,7 @@ class LiftOutputs:
             self._journal.press(holder, command, self._driver.frames(command), now, again=again)
             for holder, command, again in rows
         ]
-        answer = [self._recorder.before(row) for row in written][-1]  # rows are committed in their order
+        answer = [self._recorder.commit_now(row) for row in written][-1]  # rows are committed in their order
         done = partial(self._answered, self._commits, sequence)
         if answer.done():
             done(answer)

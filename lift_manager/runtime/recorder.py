@@ -59,7 +59,7 @@ class Recorder(Protocol):
         """Commit this row soon."""
         ...
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         """Commit this row at once, with all that was kept and noted before it.
 
         The result is None once that is on the disk, and within 2 s, whatever the disk does, why it is not. A row that was
@@ -111,7 +111,7 @@ class MemoryRecorder:
         if len(self.rows) > 2 * self._newest:
             del self.rows[: -self._newest]
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         """Keep this, and answer at once."""
         if not self.trouble:
             self.note(row)

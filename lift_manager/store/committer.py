@@ -34,7 +34,7 @@ from lift_manager.store.store import PendingRow, Store
 _log = logging.getLogger(__name__)
 
 ANSWER_S = 2.0
-"""`before` replies within this time, and a disk that has not answered by then is reported as failing. Chosen: a busy memory card takes
+"""`commit_now` replies within this time, and a disk that has not answered by then is reported as failing. Chosen: a busy memory card takes
 a second or two, and the reading behind a press is too old after it (`max_age_s`, 1 s by default)."""
 
 LINGER_S = 0.005
@@ -166,7 +166,7 @@ class Committer:
             self._lost_since = self._lost_since or _micros(self._clock())
             self._lost[row.kind.value] += 1
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         """Commit a row at once, with everything kept and noted before it; the result is None, or within ANSWER_S why it failed.
 
         A row is not queued while the store is already in trouble.

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from drivers.own_files import make_own
+from drivers.own_files import NOT_FOLLOWED, make_own
 from lift_manager.store.chain import StoredRow, follows, seed
 from lift_manager.store.errors import StoreDamaged, StoreForeign
 from lift_manager.store.place import put_in_place
@@ -69,8 +69,6 @@ MIGRATIONS: tuple[Migration, ...] = (_first_version,)
 
 VERSION = len(MIGRATIONS)
 """The version of the schema that this program writes and reads."""
-
-NOT_FOLLOWED = "it is a symbolic link, and links are not followed; put the file itself there"
 
 COLUMNS = ", ".join(StoredRow._fields)
 

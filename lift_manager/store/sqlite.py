@@ -13,13 +13,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+from drivers.own_files import NOT_FOLLOWED
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.chain import StoredRow, canonical, clean, row_hash
 from lift_manager.store.database import (
     BUSY_S,
     COLUMNS,
-    NOT_FOLLOWED,
     VERSION,
     Connect,
     Head,

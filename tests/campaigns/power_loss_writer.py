@@ -49,7 +49,7 @@ async def main(path: Path, number: int, presses: int, *, careless: bool) -> None
             kept.note(Row(RowKind.WRITE, "x" * 2_000, "east"))
         record = DurableRecord(acknowledged=Acknowledged("east", str(press), at, (Cause.FIRE,)))
         kept.keep("east", SavedLift(record))
-        why = await kept.before(Row(RowKind.PRESS, "about to press", "east", "rmf:robot1", {"n": press}))
+        why = await kept.commit_now(Row(RowKind.PRESS, "about to press", "east", "rmf:robot1", {"n": press}))
         if why is not None:
             sys.exit(why)
         sys.stdout.write(f"{press}\n")

@@ -30,9 +30,9 @@ class MortalRecorder:
         if not self.killed:
             self._recorder.note(row)
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         if not self.killed:
-            return self._recorder.before(row)
+            return self._recorder.commit_now(row)
         never: Future[str | None] = asyncio.get_running_loop().create_future()
         return never
 

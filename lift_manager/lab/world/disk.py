@@ -243,11 +243,11 @@ class DiskRecorder:
         self._hear(row)
         self._committer.note(row)
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         """Commit this, and answer within a bounded time."""
         if not self.trouble:
             self._hear(row)
-        return self._committer.before(row)
+        return self._committer.commit_now(row)
 
     def written(self, lift: str) -> Future[None] | None:
         """Return what is done once everything kept of a lift so far is committed."""

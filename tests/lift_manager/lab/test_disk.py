@@ -67,7 +67,7 @@ def test_a_press_waits_for_its_commit_and_no_longer() -> None:
     async def check(disk: SimulatedDisk) -> None:
         recorder = DiskRecorder(disk)
         async with running(recorder):
-            answer = recorder.before(ROW)
+            answer = recorder.commit_now(ROW)
             await elapse(0.005)
             assert (answer.done(), disk.rows) == (False, [])
             await elapse(0.006)
@@ -86,7 +86,7 @@ def test_a_press_shares_the_commit_of_the_request_that_led_to_it() -> None:
             recorder.keep("lift", FIRE)
             recorder.note(REQUEST)
             await elapse(LINGER_S / 2)
-            answer = recorder.before(ROW)
+            answer = recorder.commit_now(ROW)
             await elapse(0.011)
             assert answer.result() is None
             assert disk.store.records == {"lift": FIRE}
@@ -111,10 +111,10 @@ def test_a_full_disk_refuses_presses_with_its_reason_and_takes_the_rows_once_the
         recorder = DiskRecorder(disk)
         async with running(recorder) as told:
             disk.begin(DiskFault.FULL)
-            refused = recorder.before(ROW)
+            refused = recorder.commit_now(ROW)
             await elapse(0.1)
             assert "No space left on device" in (refused.result() or "")
-            assert recorder.before(ROW).result() == recorder.trouble == told[0]
+            assert recorder.commit_now(ROW).result() == recorder.trouble == told[0]
             disk.end(DiskFault.FULL)
             await elapse(60)
             assert told[1:] == [""]
@@ -129,7 +129,7 @@ def test_a_disk_that_hangs_is_trouble_after_a_bounded_time_and_commits_once_it_g
         async with running(recorder) as told:
             disk.begin(DiskFault.HANGS)
             recorder.keep("lift", FIRE)
-            answer = recorder.before(ROW)
+            answer = recorder.commit_now(ROW)
             await elapse(ANSWER_S - 0.01)
             assert (answer.done(), recorder.trouble) == (False, "")
             await elapse(0.1)
@@ -168,7 +168,7 @@ def test_what_a_killed_manager_says_later_changes_nothing_on_an_instant_disk() -
     async def check(disk: SimulatedDisk) -> None:
         recorder = DiskRecorder(disk)
         recorder.keep("lift", FIRE)
-        assert recorder.before(ROW).result() is None
+        assert recorder.commit_now(ROW).result() is None
         recorder.drop()
         recorder.keep("lift", SavedLift())
         recorder.note(ROW)

@@ -293,7 +293,7 @@ class SlowRecorder(MemoryRecorder):
         self.waiting: list[Future[str | None]] = []
         self.unwritten: list[Future[None]] = []
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         self.note(row)
         self.waiting.append(asyncio.get_running_loop().create_future())
         return self.waiting[-1]

@@ -65,7 +65,7 @@ def test_a_release_takes_a_press_back_that_waits_for_the_disk() -> None:
         made.accept("L2", hold=False)
         await disk.commit()
         assert made.driver.log == []
-        assert await outcomes(made) == [("go_to L3", "rejected", "not sent: something else was wanted instead")]
+        assert await outcomes(made) == [("go_to L3", "rejected", "not sent: something else was requested instead")]
         assert made.state.holder is None
 
     on_bench(check, PLAIN, recorder=disk)

@@ -21,10 +21,10 @@ class Witness(MemoryRecorder):
         super().__init__()
         self.seen: list[tuple[str, str, SavedSession | None]] = []
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         command = str(row.data["command"])
         self.seen.append((command, row.caller, saved(self).session))
-        return super().before(row)
+        return super().commit_now(row)
 
 
 MAPS = ("generic-registers", "generic-coils", "two-stop-agv", "adam-io", "seer-siemens-chengdu")

@@ -125,7 +125,7 @@ def test_robot_mode_that_fell_while_the_lift_was_unreadable_is_not_pressed_once_
 class SlowJournal(MemoryRecorder):
     """Every row takes two seconds."""
 
-    def before(self, row: Row) -> Future[str | None]:
+    def commit_now(self, row: Row) -> Future[str | None]:
         done: Future[str | None] = asyncio.get_running_loop().create_future()
         asyncio.get_running_loop().call_later(2.0, done.set_result, None)
         return done

@@ -17,7 +17,7 @@ async def main(path: Path, first: int, presses: int, notes: int, max_mb: int = 5
     for number in range(first, first + presses):
         for _ in range(notes):
             kept.note(Row(RowKind.WRITE, f"written {number}", "east", data={"frames": ["000100000006" * 8]}))
-        assert await kept.before(press(number)) is None
+        assert await kept.commit_now(press(number)) is None
         sys.stdout.write(f"{number}\n")
         sys.stdout.flush()
     running.cancel()

@@ -72,7 +72,7 @@ def test_the_files_are_for_their_user_alone(path: Path) -> None:
     async def main() -> None:
         kept = journal(path)
         async with writing(kept):
-            assert await kept.before(press(1)) is None
+            assert await kept.commit_now(press(1)) is None
             seen = {file.name: file.stat().st_mode & 0o777 for file in path.parent.iterdir()}
             assert seen == {path.name + end: 0o600 for end in ("", "-wal", "-shm", ".lock")}
         assert sorted(path.parent.iterdir()) == [path, path.with_name(f"{path.name}.lock")]
@@ -117,12 +117,12 @@ def test_everything_that_waits_when_a_commit_begins_is_one_commit(path: Path, ha
         disk = Disk(hanging)
         kept = journal(path, disk)
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
-            first = kept.before(press(1))
+            first = kept.commit_now(press(1))
             await asyncio.to_thread(hanging.hung.wait)
             disk.statements.clear()
-            others = [kept.before(press(number)) for number in range(2, 102)]
+            others = [kept.commit_now(press(number)) for number in range(2, 102)]
             hanging.through.set()
             assert set(await asyncio.gather(first, *others)) == {None}
             assert disk.statements.count("BEGIN IMMEDIATE") == 1
@@ -137,12 +137,12 @@ def test_a_press_its_record_and_the_rows_before_it_are_one_commit(path: Path) ->
     async def main() -> None:
         kept = journal(path, disk)
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             disk.statements.clear()
             kept.keep("east", FIRE)
             kept.note(Row(RowKind.REQUEST, "L3", "east"))
             session = kept.written("east")
-            assert await kept.before(press(1)) is None
+            assert await kept.commit_now(press(1)) is None
             assert session is not None
             assert session.done()
             assert disk.statements.count("COMMIT") == 1
@@ -159,16 +159,16 @@ def test_the_presses_of_several_lifts_at_once_are_one_commit_with_the_newest_rec
         disk = Disk(hanging)
         kept = journal(path, disk)
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
-            under_way = kept.before(press(1))
+            under_way = kept.commit_now(press(1))
             await asyncio.to_thread(hanging.hung.wait)
             disk.statements.clear()
             answers = []
             for number, lift in enumerate(LIFTS):
                 kept.keep(lift, SavedLift())
                 kept.keep(lift, EVERYTHING)
-                answers.append(kept.before(press(2 + number)))
+                answers.append(kept.commit_now(press(2 + number)))
             kept.keep(LIFTS[0], FIRE)
             hanging.through.set()
             assert set(await asyncio.gather(under_way, *answers)) == {None}
@@ -182,7 +182,7 @@ def test_what_is_kept_during_a_commit_is_waited_for_until_the_next_one(path: Pat
     async def main() -> None:
         kept = journal(path, Disk(hanging))
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
             kept.keep("east", EVERYTHING)
             first = kept.written("east")
@@ -224,7 +224,7 @@ def test_a_disk_that_takes_nothing_leaves_what_is_kept_in_force_and_takes_the_ne
     async def main() -> None:
         kept = journal(path, disk)
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             disk.hook = read_only
             kept.keep("east", EVERYTHING)
             waiting = kept.written("east")
@@ -246,9 +246,9 @@ def test_a_press_is_answered_only_after_its_commit(path: Path, hanging: Hanging)
     async def main() -> None:
         kept = journal(path, Disk(hanging))
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
-            answer = kept.before(press(1))
+            answer = kept.commit_now(press(1))
             await asyncio.to_thread(hanging.hung.wait)
             assert not answer.done()
             assert numbers(path) == [0]
@@ -273,15 +273,15 @@ def test_a_disk_that_refuses_is_told_once_and_everything_is_written_when_it_take
     async def main() -> None:
         kept = journal(path, disk)
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             disk.hook = refuse
-            refused = await kept.before(press(1, LARGE))
+            refused = await kept.commit_now(press(1, LARGE))
             why = await told.get()
             assert refused == why == kept.trouble
             assert f"the store {path} {words}" in why
             assert "until it can be written nothing is pressed, while releases and states continue" in why
             assert "the manager retries by itself" in why
-            assert kept.before(press(2)).result() == why
+            assert kept.commit_now(press(2)).result() == why
             kept.note(Row(RowKind.OUTCOME, "not pressed"))
             disk.opened.clear()
             await asyncio.to_thread(disk.opened.wait)  # tried again, which is not told
@@ -290,7 +290,7 @@ def test_a_disk_that_refuses_is_told_once_and_everything_is_written_when_it_take
             assert await told.get() == ""
             await kept.settled()
             assert kept.trouble == ""
-            assert await kept.before(press(3)) is None
+            assert await kept.commit_now(press(3)) is None
             assert told.empty()
 
     asyncio.run(main())
@@ -309,7 +309,7 @@ def test_a_disk_that_is_full_at_the_start_keeps_nobody_from_starting(path: Path)
             kept.note(Row(RowKind.MANAGER, "started"))
             disk.hook = usual
             assert await told.get() == ""
-            assert await kept.before(press(1)) is None
+            assert await kept.commit_now(press(1)) is None
 
     asyncio.run(main())
     assert [row.kind for row in stored(path)] == ["manager", "alarm", "press"]
@@ -336,7 +336,7 @@ def test_a_folder_that_cannot_be_made_is_trouble_until_it_can(tmp_path: Path) ->
             assert "check that its folder exists" in await told.get()
             (tmp_path / "file").unlink()
             assert await told.get() == ""
-            assert await kept.before(press(1)) is None
+            assert await kept.commit_now(press(1)) is None
 
     asyncio.run(main())
     assert numbers(path) == [1]
@@ -348,20 +348,20 @@ def test_a_disk_that_hangs_is_told_in_time_and_what_it_writes_in_the_end_is_ther
     async def main() -> None:
         kept = journal(path, Disk(hanging))
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
             begun = time.monotonic()
-            refused = await kept.before(press(1))
+            refused = await kept.commit_now(press(1))
             assert time.monotonic() - begun < ANSWER_S + 1
             assert refused is not None
             assert f"did not reach the store {path} within 2 s" in refused
             assert "the disk has not answered for 2 s" in await told.get()
-            assert kept.before(press(2)).result() == kept.trouble
+            assert kept.commit_now(press(2)).result() == kept.trouble
             kept.note(Row(RowKind.OUTCOME, "not pressed"))
             assert told.empty()
             hanging.through.set()
             assert await told.get() == ""
-            assert await kept.before(press(3)) is None
+            assert await kept.commit_now(press(3)) is None
 
     asyncio.run(main())
     assert numbers(path) == [0, 1, 3]
@@ -372,9 +372,9 @@ def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(path: Path, han
     async def main() -> None:
         kept = journal(path, Disk(hanging))
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
-            answer = kept.before(press(1))
+            answer = kept.commit_now(press(1))
             await asyncio.to_thread(hanging.hung.wait)
             kept.note(press(2))
         assert "the manager is stopping" in str(answer.result())
@@ -388,7 +388,7 @@ def test_a_disk_that_was_waited_for_already_is_not_waited_for_again_at_the_end(p
     async def main() -> float:
         kept = journal(path, Disk(hanging))
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
             kept.note(press(1))
             await asyncio.to_thread(hanging.hung.wait)
@@ -404,14 +404,14 @@ def test_a_commit_that_is_under_way_at_the_end_is_waited_for_and_answered(path: 
     async def main() -> None:
         kept = journal(path, Disk(hanging))
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
-            answer = kept.before(press(1))
+            answer = kept.commit_now(press(1))
             await asyncio.to_thread(hanging.hung.wait)
             asyncio.get_running_loop().call_later(0.05, hanging.through.set)
         assert answer.result() is None
         async with writing(kept):  # and it can go on
-            assert await kept.before(press(2)) is None
+            assert await kept.commit_now(press(2)) is None
 
     asyncio.run(main())
     assert numbers(path) == [0, 1, 2]
@@ -429,10 +429,10 @@ def test_a_row_whose_commit_failed_after_it_had_reached_the_disk_is_there_once(p
     async def main() -> None:
         kept = journal(path, disk)
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             disk.hook = lies
             kept.note(press(1))
-            answer = kept.before(press(2))
+            answer = kept.commit_now(press(2))
             assert "the disk reports an error (disk I/O error" in await told.get()
             kept.note(press(3))
             assert await told.get() == ""
@@ -450,14 +450,14 @@ def test_a_journal_that_is_moved_away_is_missed_and_nothing_is_lost_when_it_is_b
     async def main() -> None:
         kept = journal(path)
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             await asyncio.to_thread(path.rename, away)
-            refused = await kept.before(press(1))
+            refused = await kept.commit_now(press(1))
             assert refused == await told.get()
             assert "cannot be opened" in str(refused)
             await asyncio.to_thread(away.rename, path)
             assert await told.get() == ""
-            assert await kept.before(press(2)) is None
+            assert await kept.commit_now(press(2)) is None
 
     asyncio.run(main())
     stored(path)
@@ -473,10 +473,12 @@ def test_another_file_in_the_place_of_the_journal_is_not_mixed_with_its_log(path
     async def main() -> None:
         kept = journal(path)
         async with writing(kept) as told:
-            assert await kept.before(press(2)) is None
+            assert await kept.commit_now(press(2)) is None
             await asyncio.to_thread(path.replace, right)
             await asyncio.to_thread(copy.replace, path)
-            assert "was moved, deleted or replaced while the manager had it open" in str(await kept.before(press(3)))
+            assert "was moved, deleted or replaced while the manager had it open" in str(
+                await kept.commit_now(press(3))
+            )
             await told.get()
             await trouble(kept, "is another file than the one that this manager wrote to")
             assert await asyncio.to_thread(path.read_bytes) == before
@@ -496,11 +498,11 @@ def test_an_older_copy_without_a_log_is_not_gone_on_with(path: Path) -> None:
     async def main() -> None:
         kept = journal(path)
         async with writing(kept) as told:
-            assert await kept.before(press(2)) is None
+            assert await kept.commit_now(press(2)) is None
             for old in await asyncio.to_thread(lambda: list(path.parent.glob(f"{path.name}*"))):
                 await asyncio.to_thread(old.unlink)
             await asyncio.to_thread(copy.replace, path)
-            refused = await kept.before(press(3))
+            refused = await kept.commit_now(press(3))
             assert refused == await told.get()
             await trouble(kept, "is not as this manager left it: its newest row is 2, and row 3 was written")
             assert "put the right file back, or restart the manager to continue with this one" in kept.trouble
@@ -514,10 +516,10 @@ def test_a_journal_that_another_program_writes_to_is_trouble_while_it_does(path:
     async def main() -> None:
         kept = journal(path, Disk())
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             with opened_raw(path) as other:
                 other.execute("BEGIN IMMEDIATE")
-                assert "is locked by another program (database is locked" in str(await kept.before(press(1)))
+                assert "is locked by another program (database is locked" in str(await kept.commit_now(press(1)))
                 assert "stop the program that has it open" in await told.get()
                 other.execute("ROLLBACK")
                 assert await told.get() == ""
@@ -533,7 +535,7 @@ def test_rows_that_too_many_wait_before_are_counted_by_kind_in_their_place(path:
             path, Disk(hanging), max_queued_rows=10, clock=lambda: datetime.fromtimestamp(next(seconds), UTC)
         )
         async with writing(kept):
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             hanging.through.clear()
             for number in range(1, 11):
                 kept.note(press(number))
@@ -541,7 +543,7 @@ def test_rows_that_too_many_wait_before_are_counted_by_kind_in_their_place(path:
             for _ in range(3):
                 kept.note(Row(RowKind.WRITE, "let go"))
             kept.note(Row(RowKind.LINK, "lost"))
-            assert "10 rows wait for the disk" in str(kept.before(press(11)).result())
+            assert "10 rows wait for the disk" in str(kept.commit_now(press(11)).result())
             settled = asyncio.ensure_future(kept.settled())
             hanging.through.set()
             await settled
@@ -571,7 +573,7 @@ def test_a_computer_without_a_thread_to_spare_is_taken_for_a_bad_disk(path: Path
                 assert "this computer has no thread to spare" in await told.get()
                 threading.stack_size(usual_size)
                 assert await told.get() == ""
-                assert await kept.before(press(1)) is None
+                assert await kept.commit_now(press(1)) is None
         finally:
             threading.stack_size(usual_size)
 
@@ -594,10 +596,10 @@ def test_the_log_beside_the_file_is_carried_over_and_stays_small(path: Path) -> 
     async def main() -> None:
         kept = journal(path)
         async with writing(kept):
-            assert await kept.before(press(800)) is None
+            assert await kept.commit_now(press(800)) is None
             with closing(sqlite3.connect(path)) as reader:
                 for number in range(800):
-                    assert await kept.before(press(number, "x" * 500)) is None
+                    assert await kept.commit_now(press(number, "x" * 500)) is None
                     if number % 100 == 0:  # one who looks now and then does not keep it from that
                         reader.execute("SELECT count(*) FROM rows").fetchone()
             log = await asyncio.to_thread(path.with_name(f"{path.name}-wal").stat)

@@ -147,13 +147,13 @@ def test_a_manager_starts_on_a_damaged_journal_presses_nothing_and_goes_on_when_
             assert f"the store {path} " in why
             assert "until it can be written nothing is pressed, while releases and states continue" in why
             assert "while the manager runs, move it to another folder, together with the file of the same name" in why
-            assert kept.before(press(1)).result() == why
+            assert kept.commit_now(press(1)).result() == why
             assert await asyncio.to_thread(path.read_bytes) == before
             await asyncio.to_thread(path.rename, path.with_name("away"))
             # a trial that was under way may have begun another log after that
             await asyncio.to_thread(eventually, lambda: log_moved_away(path) and kept.trouble == "", WITHIN_S)
             assert await told.get() == ""
-            assert await kept.before(press(2)) is None
+            assert await kept.commit_now(press(2)) is None
 
     asyncio.run(main())
     assert [row.kind for row in stored(path)] == ["manager", "alarm", "press"]
@@ -203,7 +203,7 @@ def started_on(path: Path) -> Committer:
         kept = journal(path)
         async with writing(kept):
             for number in range(MORE):
-                assert await kept.before(press(100 + number)) is None
+                assert await kept.commit_now(press(100 + number)) is None
         return kept
 
     return asyncio.run(main())

@@ -85,7 +85,7 @@ def told_by(path: Path, commits: Sequence[float]) -> list[str]:
         kept = kept_on(path, disk)
         heard: list[str] = []
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             disk.slow(*commits)
             kept.note(press(1))
             heard.append(await told.get())
@@ -102,7 +102,7 @@ def test_a_commit_that_ended_too_late_is_no_recovery_and_nobody_has_to_hear_of_i
         disk = SlowDisk()
         kept = kept_on(path, disk)
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             disk.slow(then_s=SLOW_S)
             kept.note(press(1))
             assert "the disk has not answered for" in await told.get()
@@ -110,7 +110,7 @@ def test_a_commit_that_ended_too_late_is_no_recovery_and_nobody_has_to_hear_of_i
                 kept.note(press(2 + number))
                 await kept.settled()
             assert disk.count >= 3
-            assert kept.before(press(2)).result() == kept.trouble != ""
+            assert kept.commit_now(press(2)).result() == kept.trouble != ""
             assert told.empty()
 
     run_virtual(main)
@@ -129,7 +129,7 @@ def test_a_disk_that_is_silent_again_soon_has_to_be_in_time_twice_as_often(path:
         kept = kept_on(path, disk)
         needed = []
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             for number in range(2):
                 disk.slow(SLOW_S)
                 kept.note(press(number + 1))
@@ -148,7 +148,7 @@ def test_a_trouble_that_is_over_is_one_row_for_the_site_and_says_from_when_to_wh
         disk = Disk()
         kept = journal(path, disk)
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             disk.hook = read_only
             kept.note(press(1))
             assert "may only read it" in await told.get()
@@ -173,7 +173,7 @@ def test_while_nothing_waits_it_is_tried_with_a_real_write(path: Path) -> None:
         disk = SlowDisk()
         kept = kept_on(path, disk)
         async with writing(kept) as told:
-            assert await kept.before(press(0)) is None
+            assert await kept.commit_now(press(0)) is None
             before = log.stat().st_size
             disk.slow(SLOW_S)
             kept.note(press(1))

@@ -75,7 +75,7 @@ def test_rows_are_kept_in_the_order_of_the_calls(kept: Kept) -> None:
             answers = []
             for number in range(40):
                 kept.journal.note(Row(RowKind.WRITE, f"written {number}"))
-                answers.append(kept.journal.before(press(number)))
+                answers.append(kept.journal.commit_now(press(number)))
             assert set(await asyncio.gather(*answers)) == {None}
             kept.journal.note(Row(RowKind.OUTCOME, "confirmed"))
             await kept.journal.settled()
@@ -92,7 +92,7 @@ def test_a_press_that_may_go_is_there_when_it_is_answered(kept: Kept) -> None:
     async def main() -> None:
         async with writing(kept.journal):
             for number in range(5):
-                assert await kept.journal.before(press(number)) is None
+                assert await kept.journal.commit_now(press(number)) is None
                 assert kept.look()[-1] == ("press", press(number).text, {"n": number})
 
     kept.run(main)
@@ -129,7 +129,7 @@ def test_where_there_is_trouble_a_press_is_refused_at_once_with_its_words(kept: 
         async with writing(spoilt) as told:
             if not spoilt.trouble:
                 assert await told.get() == spoilt.trouble
-            answer = spoilt.before(press(1))
+            answer = spoilt.commit_now(press(1))
             assert answer.done()
             assert answer.result() == spoilt.trouble != ""
 
@@ -140,8 +140,8 @@ def test_where_there_is_trouble_a_press_is_refused_at_once_with_its_words(kept: 
 def test_an_answer_that_nobody_waits_for_any_more_disturbs_nothing(kept: Kept) -> None:
     async def main() -> None:
         async with writing(kept.journal):
-            kept.journal.before(press(1)).cancel()
-            assert await kept.journal.before(press(2)) is None
+            kept.journal.commit_now(press(1)).cancel()
+            assert await kept.journal.commit_now(press(2)) is None
 
     kept.run(main)
     assert kept.look()[-1] == ("press", press(2).text, {"n": 2})

@@ -157,7 +157,7 @@ def test_it_is_done_at_the_start_and_every_hour_while_rows_are_written(path: Pat
         async with writing(kept):
             number = 0
             while first_row(path) == 1:
-                assert await kept.before(press(number)) is None
+                assert await kept.commit_now(press(number)) is None
                 number += 1
             await kept.settled()
         return kept
