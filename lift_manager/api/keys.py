@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 
 PREFIX = "lm"
 """Tells secret scanners, and people, whose key it is."""

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from lift_manager.api.fields import ON_ONE_LINE, Answer, RequestModel, ShortName
 from lift_manager.api.lifts import Age
 from lift_manager.lift.observation import RobotDoor
-from lift_manager.lift.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT, LONGEST_GRACE_S
+from lift_manager.lift.rmf_view import ADAPTER_ID, ADAPTER_ID_LIMIT, LONGEST_GRACE_S
 from register_maps.words import Mode, Motion
 
 

@@ -12,8 +12,8 @@ from typing import Annotated, TextIO
 
 import typer
 
-from lift_manager.api.access import OF_SOME_LIFTS, Role
 from lift_manager.api.keys import Key, holds_key
+from lift_manager.api.roles import OF_SOME_LIFTS, Role
 from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, out, print_lines, print_stderr, store_path_of
 from lift_manager.config.load import LoadedSite
 from lift_manager.store.errors import KeysUnusable

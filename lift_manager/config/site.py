@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic_core import PydanticCustomError
 
 from lift_manager.lift.hours import Hours, read_hours
-from lift_manager.lift.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT, LONGEST_GRACE_S, RmfRules
+from lift_manager.lift.rmf_view import ADAPTER_ID, ADAPTER_ID_LIMIT, LONGEST_GRACE_S, RmfRules
 from lift_manager.plain.text import is_printable
 from register_maps.expand import ParameterValue
 from register_maps.words import Side, Table

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lift_manager.lift import call_press, doors, handshake, history, robot_mode
+from lift_manager.lift import call_output, doors, handshake, history, robot_mode
 from lift_manager.lift.call import Call, CallPhase, flags_missing, may_press_call, postpone
 from lift_manager.lift.config import ROBOT_MODE
 from lift_manager.lift.draft import Draft
@@ -81,8 +81,8 @@ def _serve_call(draft: Draft, session: Session, observation: Observation) -> Ses
     if call is None:
         handshake.follow_robot(draft, observation, None)
         return session
-    is_hold = call_press.call_must_be_on(config, draft.record, session)
-    call = call_press.follow(draft, call, observation, is_hold=is_hold)
+    is_hold = call_output.call_must_be_on(config, draft.record, session)
+    call = call_output.follow(draft, call, observation, is_hold=is_hold)
     draft.change(waiting_for=_holder_has_to(session, call, is_hold=is_hold))
     handshake.follow_robot(draft, observation, session)
     if call.phase is CallPhase.REQUESTED:
@@ -97,14 +97,14 @@ def _serve_call(draft: Draft, session: Session, observation: Observation) -> Ses
             return session
         if not session.is_ending and may_press_call(call, observation, config.capabilities, now, is_hold=is_hold):
             doors.release_doors(draft)
-            call_press.press(draft, call)
+            call_output.press(draft, call)
             return session
     if call.phase is CallPhase.ARRIVED:
-        call_press.release_call_at(draft, "arrived")
+        call_output.release_call_at(draft, "arrived")
         draft.change(door_hold_found=False)
         return doors.stay_at_target(draft, session, call, observation)
-    if call.phase is CallPhase.FAILED and call_press.held_call_ends_at(draft.record):
-        call_press.release_call(draft)
+    if call.phase is CallPhase.FAILED and call_output.held_call_ends_at(draft.record):
+        call_output.release_call(draft)
     return doors.keep_found(draft, session, call, observation)
 
 
@@ -130,7 +130,7 @@ def _await_grant(draft: Draft, session: Session, call: Call, what: str) -> Sessi
 
 def _await_word(draft: Draft, session: Session, observation: Observation) -> Session:
     """Stay open for a robot aboard until the lift has been told of it; a robot on its way out needs nothing more."""
-    aboard = call_press.robot_is_aboard(draft.config, draft.record)
+    aboard = call_output.robot_is_aboard(draft.config, draft.record)
     if aboard and observation.floor is not None and observation.is_standing:
         return doors.hold_doors(draft, session, observation, observation.floor, begin=True)
     draft.change(door_hold=None)

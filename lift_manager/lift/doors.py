@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from drivers.model import Command, CommandKind, FloorName, Outcome, OutputState, PressId, Proof, Result
-from lift_manager.lift import call_press, handshake
+from lift_manager.lift import call_output, handshake
 from lift_manager.lift.call import Call, CallPhase, call_holds_door
 from lift_manager.lift.commands import DOOR_WITHIN_S, CommandProgress
 from lift_manager.lift.config import LiftConfig, door_hold
@@ -61,10 +61,10 @@ def door_is_held(config: LiftConfig, record: LiftRecord) -> bool:
             return False
     if observation is not None and is_closing(observation, config.doors_at[session.floor]):
         return False
-    if not call_press.only_call_holds_door(config, record, session):
+    if not call_output.only_call_holds_door(config, record, session):
         return True
     answered = record.call is None or record.call.is_answered
-    return answered and call_press.call_keeps_door(record) and not call_press.call_is_lost(record)
+    return answered and call_output.call_keeps_door(record) and not call_output.call_is_lost(record)
 
 
 def may_be_crossed(config: LiftConfig, record: LiftRecord) -> bool:
@@ -75,12 +75,12 @@ def may_be_crossed(config: LiftConfig, record: LiftRecord) -> bool:
     """
     if record.session is None or not (record.call_has_arrived or record.door_hold_found):
         return False
-    return door_is_given(config, record) or call_press.call_is_on_at_floor(record)
+    return door_is_given(config, record) or call_output.call_is_on_at_floor(record)
 
 
 def is_released_open(config: LiftConfig, record: LiftRecord) -> bool:
     """Whether ending the session now releases a door that may be open: also one that a call keeps whose outcome is still to come."""
-    kept_by_call = call_press.call_keeps_door(record) and not call_press.call_is_lost(record)
+    kept_by_call = call_output.call_keeps_door(record) and not call_output.call_is_lost(record)
     return may_be_crossed(config, record) or (record.call_has_arrived and kept_by_call)
 
 
@@ -124,14 +124,14 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
     if session.hold_spent or is_barred or must_close or _is_for_nobody(draft, session, observation, floor):
         release_doors(draft)
         if not session.hold_spent:
-            call_press.interrupt_call(draft)
+            call_output.interrupt_call(draft)
             return session
-        call_press.release_call_of_door(draft)
+        call_output.release_call_of_door(draft)
         return _note_shut(draft, session, observation, floor)
     since = draft.now if session.holding_since is None else session.holding_since
     session = replace(session, holding_since=since)
     draft.change(session=session, used_by=session.number)
-    call_press.renew_call(draft)
+    call_output.renew_call(draft)
     _declare(draft, floor, may_begin=begin and session.may_begin and not observation.must_close)
     return session
 
@@ -154,7 +154,7 @@ def stay_at_target(
 
     A robot aboard keeps its session: it has still to get out.
     """
-    aboard = call_press.robot_is_aboard(draft.config, draft.record)
+    aboard = call_output.robot_is_aboard(draft.config, draft.record)
     if not session.hold_door and not session.policy.stays and not aboard:
         return EndReason.ARRIVED, "arrived"
     if handshake.stands_open_for_robot(draft.config, draft.record, observation, call.floor):
@@ -167,7 +167,7 @@ def stay_at_target(
         if not session.hold_spent:
             return session
     release_doors(draft)
-    call_press.release_call_of_door(draft)
+    call_output.release_call_of_door(draft)
     return session
 
 
@@ -177,7 +177,7 @@ def hold_unread(draft: Draft, session: Session) -> None:
     if after is not session:
         draft.change(session=after)
         release_doors(draft)
-        call_press.release_call_of_door(draft)
+        call_output.release_call_of_door(draft)
 
 
 def spend_hold(draft: Draft, session: Session) -> Session:
@@ -198,7 +198,7 @@ def release_door_at_request(draft: Draft) -> None:
     forget_closing(draft)
     release_doors(draft)
     if draft.record.call_has_arrived:
-        call_press.release_call_of_door(draft)
+        call_output.release_call_of_door(draft)
 
 
 def _declare(draft: Draft, floor: FloorName, *, may_begin: bool) -> None:
@@ -209,7 +209,7 @@ def _declare(draft: Draft, floor: FloorName, *, may_begin: bool) -> None:
 
 def _note_shut(draft: Draft, session: Session, observation: Observation, floor: FloorName) -> Session:
     """Note when the door is seen shut after its hold was spent: from then on people have their turn."""
-    if not (doors_at_rest(draft.config, draft.record) and call_press.no_call_keeps_door(draft.record)):
+    if not (doors_at_rest(draft.config, draft.record) and call_output.no_call_keeps_door(draft.record)):
         return session
     doors, here = observation.values.doors, draft.config.doors_at.get(floor, ())
     is_shut = has_departed(observation, floor) or (bool(here) and all(doors.get(side) is Door.CLOSED for side in here))
@@ -265,7 +265,7 @@ def press_close(draft: Draft) -> None:
     closing, config = draft.record.closing, draft.config
     if closing.progress.phase is not CallPhase.REQUESTED or draft.session is None:
         return
-    is_free = doors_at_rest(config, draft.record) and call_press.no_call_keeps_door(draft.record)
+    is_free = doors_at_rest(config, draft.record) and call_output.no_call_keeps_door(draft.record)
     why_not = why_no_press(config, draft.record, draft.moment) or why_no_close(
         config, draft.record, draft.moment, hold_door=draft.session.hold_door
     )

@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 
 from drivers.model import FloorName
-from lift_manager.lift import call_press, doors, handshake, history, robot_mode
+from lift_manager.lift import call_output, doors, handshake, history, robot_mode
 from lift_manager.lift.commands import SessionOver
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.draft import Draft
@@ -299,7 +299,7 @@ def stop(draft: Draft) -> None:
     end_session(draft, EndReason.STOPPING, STOPPING_TEXT)
     robot_mode.drop_robot_mode(draft)
     handshake.release_all(draft)
-    call_press.release_call(draft)
+    call_output.release_call(draft)
 
 
 def _end_at_once(draft: Draft, reason: EndReason, text: str) -> None:

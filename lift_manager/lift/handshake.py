@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Literal
 
 from drivers.model import Command, FloorName, Outcome, Result
-from lift_manager.lift import call_press
+from lift_manager.lift import call_output
 from lift_manager.lift.call import (
     call_after_restart,
     call_answered,
@@ -16,7 +16,7 @@ from lift_manager.lift.call import (
     press_call,
     request_call,
 )
-from lift_manager.lift.call_press import robot_is_aboard
+from lift_manager.lift.call_output import robot_is_aboard
 from lift_manager.lift.config import ROBOT_IN_PLACE, ROBOT_LEFT, LiftConfig
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.inhibits import (
@@ -30,9 +30,9 @@ from lift_manager.lift.inhibits import (
 from lift_manager.lift.observation import (
     Observation,
     RobotDoor,
+    door_by_signals,
     is_under_way,
     permissions_needed,
-    robot_door,
 )
 from lift_manager.lift.occupancy import (
     BoardingProgress,
@@ -86,7 +86,7 @@ def stands_open_for_robot(config: LiftConfig, record: LiftRecord, observation: O
     """Whether the car stands open at a floor for the robot where it is now, as far as the lift's own signals go."""
     needed = permissions_needed(config.capabilities, aboard=is_aboard(record.boarding, config.capabilities))
     doors = config.doors_at.get(floor, ())
-    return observation.floor == floor and robot_door(observation, doors, needed) is RobotDoor.OPEN
+    return observation.floor == floor and door_by_signals(observation, doors, needed) is RobotDoor.OPEN
 
 
 # -- what the holder requests
@@ -184,7 +184,7 @@ def give_words(draft: Draft, session: Session | None) -> None:
         return
     _give(draft, "in_place")
     if in_place_is_taken(config, draft.record):
-        call_press.release_call_at(draft, "robot_in_place")
+        call_output.release_call_at(draft, "robot_in_place")
         _keep_in_place(draft)
 
 
@@ -253,7 +253,7 @@ def end_session_part(
     if parting is OccupancyAtEnd.EXITED and release is not None:
         report_robot_left(draft, release[0])
         # what is on stays on until the lift knows that the robot left
-        call_press.renew_call(draft)
+        call_output.renew_call(draft)
         _set(draft, "in_place", replace(draft.record.in_place, renewed_at=draft.now))
         return
     release_stay(draft)
@@ -305,7 +305,7 @@ def release_all(draft: Draft) -> None:
 
 def release_stay(draft: Draft) -> None:
     """Release what is on for a robot that boards, rides or leaves."""
-    call_press.release_call(draft)
+    call_output.release_call(draft)
     release_word(draft, "in_place")
 
 
@@ -364,15 +364,15 @@ def report_robot_left(draft: Draft, floor: FloorName) -> None:
     _forget(draft, "in_place")
     _forget(draft, "robot_left")
     request_word(draft, "robot_left", floor)
-    if call_press.held_call_ends_at(draft.record) != "robot_left":
-        call_press.release_call(draft)
+    if call_output.held_call_ends_at(draft.record) != "robot_left":
+        call_output.release_call(draft)
     if not draft.record.robot_left.is_pending:
         _after_robot_left(draft)
 
 
 def _after_robot_left(draft: Draft) -> None:
     """Release what was on for the robot aboard."""
-    call_press.release_call_at(draft, "robot_left")
+    call_output.release_call_at(draft, "robot_left")
     if _is_level(draft.config, "in_place"):
         release_word(draft, "in_place")
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from drivers.model import FloorName, Proof
-from lift_manager.lift import call_press, doors
+from lift_manager.lift import call_output, doors
 from lift_manager.lift.commands import (
     COMMANDS,
     REPLACED,
@@ -38,12 +38,12 @@ from lift_manager.lift.observation import Moment
 from lift_manager.lift.occupancy import Occupancy
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
+from lift_manager.lift.robot_door import invites_until
 from lift_manager.lift.session import (
     EndReason,
     Holder,
     Session,
     hold_ends_at,
-    invites_until,
     lease_ends_at,
     longest_until,
     releases_at,
@@ -228,7 +228,7 @@ def judge_commands(draft: Draft) -> None:
 
 def session_on_lift(config: LiftConfig, record: LiftRecord, session: Session, moment: Moment) -> SessionOnLift:
     """Return what the session has on the lift."""
-    call_is_on = call_press.call_is_on_at_floor(record)
+    call_is_on = call_output.call_is_on_at_floor(record)
     now = moment.now
     return SessionOnLift(
         floor=session.floor,

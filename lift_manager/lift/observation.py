@@ -155,7 +155,7 @@ def permissions_needed(capabilities: Capabilities, *, aboard: bool | None) -> fr
     return capabilities.signals & wanted[aboard]
 
 
-def robot_door(observation: Observation, doors_here: tuple[Side, ...], needed: frozenset[str]) -> RobotDoor:
+def door_by_signals(observation: Observation, doors_here: tuple[Side, ...], needed: frozenset[str]) -> RobotDoor:
     """Return the door word for robots by the lift's own signals; sessions and restrictions may only weaken it.
 
     `needed` are the permissions of which one must be given; empty where the map has none.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from drivers.model import FloorName
 from drivers.rate_limits import CALLERS
-from lift_manager.lift import call_press, doors, handshake, history, queue
+from lift_manager.lift import call_output, doors, handshake, history, queue
 from lift_manager.lift.advance import advance
 from lift_manager.lift.call import CallPhase, call_after_restart, call_holds_door, request_call, request_call_again
 from lift_manager.lift.commands import (
@@ -375,13 +375,13 @@ def _request_target(draft: Draft, session: Session, *, holds_again: bool) -> Non
     if moves_on:
         draft.change(door_hold_found=False)
         if handshake.is_ready(config, draft.record):
-            call_press.release_call(draft)
-    aboard = call_press.robot_is_aboard(config, draft.record)
+            call_output.release_call(draft)
+    aboard = call_output.robot_is_aboard(config, draft.record)
     if moves_on or not (session.hold_spent and call_holds_door(config, floor, aboard=aboard)):
         draft.change(call=request_call(call, floor, now))
-    is_missed = (session.policy.stays or holds_again) and call_press.call_must_be_on(config, draft.record, session)
+    is_missed = (session.policy.stays or holds_again) and call_output.call_must_be_on(config, draft.record, session)
     call = draft.record.call
-    if call is not None and is_missed and not call_press.call_keeps_door(draft.record):
+    if call is not None and is_missed and not call_output.call_keeps_door(draft.record):
         draft.change(call=request_call_again(call, now))
 
 

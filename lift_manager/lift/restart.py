@@ -9,7 +9,7 @@ from operator import attrgetter
 
 from lift_manager.lift import handshake, history
 from lift_manager.lift.call import CallOutput, call_after_restart, call_command, ends_call
-from lift_manager.lift.call_press import robot_is_aboard, take_call_output
+from lift_manager.lift.call_output import robot_is_aboard, take_call_output
 from lift_manager.lift.commands import (
     SAVED_SESSIONS,
     PastSession,

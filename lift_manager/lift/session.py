@@ -301,11 +301,6 @@ def releases_at(session: Session, config: LiftConfig) -> float:
     return min(lease_ends_at(session, config), longest_until(session, config), hold_ends_at(session, config), end_at)
 
 
-def invites_until(session: Session, config: LiftConfig) -> float:
-    """Return from when on the door invites nobody any more, although it is held for `clear_s` longer."""
-    return -math.inf if session.is_ending else releases_at(session, config) - session.policy.clear_s
-
-
 def time_is_over(session: Session, config: LiftConfig, now: float, *, rides: bool) -> tuple[EndReason, str] | None:
     """Return why a session is over by its time. `rides` says that a robot may be under way in the car: that is waited for."""
     if now >= lease_ends_at(session, config):

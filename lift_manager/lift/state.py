@@ -1,8 +1,7 @@
-"""What every face publishes of a lift, and what it does not: the one place where a robot is invited through a door."""
+"""What every face publishes of a lift, and what it does not."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -10,7 +9,7 @@ from enum import StrEnum, unique
 from operator import attrgetter
 
 from drivers.model import FloorName, SignalValue
-from lift_manager.lift import doors, queue
+from lift_manager.lift import queue
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.inhibits import age_s, clock_text, fresh, offline_reason, restriction_text, waits_for
@@ -20,23 +19,16 @@ from lift_manager.lift.observation import (
     RobotDoor,
     is_shut,
     may_be_moving,
-    permissions_needed,
-    robot_door,
-    robot_mode_granted,
 )
-from lift_manager.lift.occupancy import is_aboard
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import how_to_acknowledge
-from lift_manager.lift.session import Holder, invites_until, releases_at
+from lift_manager.lift.robot_door import robot_door
+from lift_manager.lift.session import Holder, releases_at
 from lift_manager.lift.trust import TRIPS
 from register_maps.words import Door, Mode, Motion, Side
 
 PERMISSIONS = ("may_enter", "may_leave", "robot_mode_on", "robots_allowed", "ready")
 """Flags of a lift that tell what a robot may do."""
-
-OBEYS_WITHIN_S = 0.15
-"""From the moment an output reads back as on until the lift acts on it. Chosen: longer than a scan of a slow PLC (0.1 s); a relay
-takes a tenth of that."""
 
 
 @unique
@@ -130,7 +122,9 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
     released_at = None if session is None else releases_at(session, config)
     flags = {} if values is None else values.flags
     kept_off = restrictions(config, record, moment)
-    door = RobotDoor.MOVING if observation is None else door_for_robots(config, record, moment, observation, kept_off)
+    door = RobotDoor.MOVING
+    if observation is not None:
+        door = robot_door(config, record, moment, observation, waits=bool(kept_off.waiting_for))
     return LiftState(
         lift=config.name,
         floors=config.floors,
@@ -154,30 +148,6 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
         releases_at=released_at,
         releases_in_s=None if released_at is None else max(0.0, released_at - now),
     )
-
-
-def door_for_robots(
-    config: LiftConfig, record: LiftRecord, moment: Moment, observation: Observation, kept_off: Restrictions
-) -> RobotDoor:
-    """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may.
-
-    Behind a lockout or an unacknowledged fire it invites nobody, nor a session that still waits for its lift, nor one whose door
-    is released soon.
-    """
-    session = record.session
-    here = config.doors_at.get(observation.floor, ()) if observation.floor is not None else ()
-    aboard = None if session is None else is_aboard(record.boarding, config.capabilities)
-    door = robot_door(observation, here, permissions_needed(config.capabilities, aboard=aboard))
-    if door is not RobotDoor.OPEN:
-        return door
-    is_kept_out = record.durable.fire_since is not None or record.restriction(RestrictionKind.LOCKOUT) is not None
-    if is_kept_out or kept_off.waiting_for or moment.now >= _invites_until(config, record):
-        return RobotDoor.MOVING
-    if session is None:
-        return door
-    is_held = observation.floor == session.floor and _door_was_read_while_held(config, record, moment)
-    is_granted = robot_mode_granted(observation, config.capabilities)
-    return RobotDoor.OPEN if is_granted and is_held else RobotDoor.MOVING
 
 
 def reported_floor(config: LiftConfig, record: LiftRecord, moment: Moment) -> FloorName | None:
@@ -210,24 +180,6 @@ def same_but_for_time(one: LiftState, other: LiftState) -> bool:
         return False
     same: bool = _LASTING(one) == _LASTING(other)  # twice a poll of each lift: a copy of each costs four times as much
     return same
-
-
-def _invites_until(config: LiftConfig, record: LiftRecord) -> float:
-    """Return from when on an open door invites nobody, because it is released soon."""
-    session = record.session
-    if session is None:
-        return -math.inf if record.released_open else math.inf
-    return -math.inf if record.is_stopping else invites_until(session, config)
-
-
-def _door_was_read_while_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> bool:
-    """Whether the lift was read after its door was seen to be held, and had had time to obey.
-
-    A door that was read open may have begun to close by its own timer before the hold reached the lift, and goes on closing until
-    the lift obeys: "open" of that reading would let a robot drive at it.
-    """
-    since = record.door_held_since
-    return since is not None and moment.read_at > since + OBEYS_WITHIN_S and doors.door_is_held(config, record)
 
 
 def _distrusted(config: LiftConfig, record: LiftRecord, moment: Moment) -> str:

@@ -12,9 +12,9 @@ from lift_manager.rmf.alarms import AlarmPublisher, FireAlarm
 from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Disposition, LiftContract
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.ignored_requests import USUAL, explain_ignored, quoted
+from lift_manager.rmf.lift_state import Cadence, as_offline, make_state, stale_at
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, Manager
-from lift_manager.rmf.publishing import Cadence, as_offline, make_state, stale_at
 
 _log = logging.getLogger(__name__)
 

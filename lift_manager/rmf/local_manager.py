@@ -9,13 +9,13 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 
-from lift_manager.lift.rmf import rmf_holder, rmf_lift
+from lift_manager.lift.rmf_view import rmf_holder, rmf_lift
 from lift_manager.lift.state import LiftState
 from lift_manager.plain.rmf import LiftView
 from lift_manager.rmf.port import Answer, Deliver, EndOfSession, ManagerListener, ManagerRequest
 from lift_manager.runtime.bus import Occurrence, StateChanged
 from lift_manager.runtime.errors import RequestRefused
-from lift_manager.runtime.rmf import rmf_site_of
+from lift_manager.runtime.rmf_view import rmf_site_of
 from lift_manager.runtime.site import Site
 
 REFRESHES_PER_MAX_AGE = 3

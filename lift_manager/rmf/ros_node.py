@@ -31,9 +31,9 @@ from rmf_lift_msgs.msg import LiftState as RosLiftState
 from lift_manager.plain.http import Address, BadAddress, Server
 from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
+from lift_manager.rmf.lift_state import NO_CLOCK_S
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Manager
-from lift_manager.rmf.publishing import NO_CLOCK_S
 from lift_manager.rmf.remote_manager import RemoteManager
 from lift_manager.rmf.ros_alarms import Publishers, RosAlarms
 from lift_manager.rmf.ros_messages import message_of, request_of, state_of

@@ -14,9 +14,9 @@ from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.alarms import AlarmPublisher
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.dds import DdsListener
+from lift_manager.rmf.lift_state import NO_CLOCK_S
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Deliver, Manager, ManagerListener
-from lift_manager.rmf.publishing import NO_CLOCK_S
 
 _log = logging.getLogger(__name__)
 

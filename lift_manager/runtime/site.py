@@ -39,7 +39,7 @@ from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.refusals import Accepted, Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
-from lift_manager.lift.rmf import RmfRules
+from lift_manager.lift.rmf_view import RmfRules
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftSignals, LiftState
 from lift_manager.runtime.actor import LiftActor, new_id

@@ -12,17 +12,17 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lift_manager.api.access import ROUTES, Route
 from lift_manager.api.keys import KeyRing, Keys, redacted
+from lift_manager.api.roles import ROUTES, Route
 from lift_manager.plain.version import running_version
 from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
 from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
-from lift_manager.web.access import Authenticator
+from lift_manager.web.authenticator import Authenticator
 from lift_manager.web.body import LingeringResponse
-from lift_manager.web.error_table import error_table
 from lift_manager.web.errors import RequestError
+from lift_manager.web.errors_page import error_table
 from lift_manager.web.events import routes as events
 from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs

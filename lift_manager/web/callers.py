@@ -7,11 +7,11 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from lift_manager.api.access import AccessLevel, refusal
 from lift_manager.api.keys import Keys
+from lift_manager.api.roles import AccessLevel, refusal
 from lift_manager.lift.session import Holder
 from lift_manager.runtime.site import Site
-from lift_manager.web.access import caller_key, face_refusal
+from lift_manager.web.authenticator import caller_key, face_refusal
 from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import is_from_another_site, is_from_this_computer
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from lift_manager.lift.refusals import Blocking
-from lift_manager.web.codes import CODES
+from lift_manager.web.error_codes import CODES
 
 
 class WebError(Exception):

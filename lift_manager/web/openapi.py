@@ -9,12 +9,12 @@ from typing import Annotated, Any
 from fastapi import Body, FastAPI, Path
 from starlette.routing import compile_path
 
-from lift_manager.api.access import ROLES, AccessLevel, Role, Route
 from lift_manager.api.keys import Keys
 from lift_manager.api.problem import MEDIA_TYPE, Problem
+from lift_manager.api.roles import ROLES, AccessLevel, Role, Route
 from lift_manager.lift.config import LIFT_NAME
 from lift_manager.web import examples
-from lift_manager.web.codes import CODES
+from lift_manager.web.error_codes import CODES
 from lift_manager.web.replies import is_api, is_workshop
 from lift_manager.web.workshop_docs import ENVELOPE
 

@@ -22,7 +22,7 @@ from lift_manager.api.people import (
     LockoutRequest,
 )
 from lift_manager.runtime.site import Site
-from lift_manager.web.access import caller_key
+from lift_manager.web.authenticator import caller_key
 from lift_manager.web.callers import ServedSite, forbid_foreign_page, forbid_other_computer
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import LiftName, errors_of

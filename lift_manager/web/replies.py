@@ -13,7 +13,7 @@ from starlette.responses import JSONResponse, Response
 from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.lift.refusals import Refusal
 from lift_manager.runtime.errors import RequestRefused
-from lift_manager.web.codes import title
+from lift_manager.web.error_codes import title
 from lift_manager.web.errors import RequestError
 
 NO_STORE = {"cache-control": "no-store"}

@@ -10,15 +10,15 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.types import DecoratedCallable
 
-from lift_manager.api.access import Role
 from lift_manager.api.rides import ANY, CancelRequest, Plan, Ride, RideRequest, Rides
+from lift_manager.api.roles import Role
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.session import Holder
 from lift_manager.rides import ride as domain
 from lift_manager.rides.ride import RideLimits, RideWord
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.site import Site
-from lift_manager.web.access import caller_key, face_refusal
+from lift_manager.web.authenticator import caller_key, face_refusal
 from lift_manager.web.body import quoted
 from lift_manager.web.callers import (
     RIDE_FACE,

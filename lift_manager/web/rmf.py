@@ -8,9 +8,9 @@ from fastapi import APIRouter, Depends
 
 from lift_manager.api.rmf import RmfAccepted, RmfEndedRequest, RmfSiteAnswer, RmfWantedRequest
 from lift_manager.lift.refusals import STOPPING, Refusal
-from lift_manager.lift.rmf import rmf_holder
+from lift_manager.lift.rmf_view import rmf_holder
 from lift_manager.runtime.errors import raised
-from lift_manager.runtime.rmf import rmf_site
+from lift_manager.runtime.rmf_view import rmf_site
 from lift_manager.runtime.site import Site
 from lift_manager.web.callers import ServedSite, forbid_foreign_page
 from lift_manager.web.json_route import JsonRoute

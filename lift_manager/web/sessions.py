@@ -22,7 +22,7 @@ from lift_manager.lift.commands import CommandStatus, SessionInfo
 from lift_manager.lift.refusals import Refusal
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.site import Site
-from lift_manager.web.access import face_refusal
+from lift_manager.web.authenticator import face_refusal
 from lift_manager.web.callers import (
     SESSION_FACE,
     ServedSite,

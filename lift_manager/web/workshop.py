@@ -16,7 +16,7 @@ from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.site import Site
 from lift_manager.web import workshop_docs as docs
-from lift_manager.web.access import caller_key, face_refusal
+from lift_manager.web.authenticator import caller_key, face_refusal
 from lift_manager.web.body import decode_object, quoted, read_body
 from lift_manager.web.callers import FOREIGN_PAGE
 from lift_manager.web.errors import RequestError

@@ -127,7 +127,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "fire latch at the door word",
         (
             Edit(
-                "lift_manager/lift/state.py",
+                "lift_manager/lift/robot_door.py",
                 "is_kept_out = record.durable.fire_since is not None or record.restriction(RestrictionKind.LOCKOUT) is not None",
                 "is_kept_out = record.restriction(RestrictionKind.LOCKOUT) is not None",
             ),
@@ -137,7 +137,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "lockout at the door word",
         (
             Edit(
-                "lift_manager/lift/state.py",
+                "lift_manager/lift/robot_door.py",
                 "is_kept_out = record.durable.fire_since is not None or record.restriction(RestrictionKind.LOCKOUT) is not None",
                 "is_kept_out = record.durable.fire_since is not None",
             ),
@@ -177,7 +177,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "hold behind an open door",
         (
             Edit(
-                "lift_manager/lift/state.py",
+                "lift_manager/lift/robot_door.py",
                 "return RobotDoor.OPEN if is_granted and is_held else RobotDoor.MOVING",
                 "return RobotDoor.OPEN",
             ),
@@ -308,7 +308,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "reading from after the hold",
         (
             Edit(
-                "lift_manager/lift/state.py",
+                "lift_manager/lift/robot_door.py",
                 "since is not None and moment.read_at > since + OBEYS_WITHIN_S and",
                 "since is not None and",
             ),
@@ -366,7 +366,7 @@ MUTANTS: tuple[Mutant, ...] = (
                 "    elif record.door_held_since is not None and moment.now - seen[config.name] <= 2.5:\n        return record\n",
             ),
             Edit(
-                "lift_manager/lift/state.py",
+                "lift_manager/lift/robot_door.py",
                 "moment.read_at > since + OBEYS_WITHIN_S and doors.door_is_held(config, record)",
                 "moment.read_at > since + OBEYS_WITHIN_S",
             ),

@@ -29,11 +29,11 @@ from schemathesis.checks import CHECKS, load_all_checks
 from schemathesis.core.failures import FailureGroup
 from schemathesis.core.result import Ok
 
-from lift_manager.api.access import OF_SOME_LIFTS, Role
 from lift_manager.api.keys import Key
+from lift_manager.api.roles import OF_SOME_LIFTS, Role
 from lift_manager.store.keys import keys_path, make_key
 from lift_manager.store.place import store_path
-from lift_manager.web.access_table import COLUMNS
+from lift_manager.web.access_page import COLUMNS
 from tests.lift_manager.test_operate import Controller
 from tests.lift_manager.web.test_access_table import cells
 from tests.support.programs import Program, Started, free_port

@@ -1,6 +1,6 @@
 """The campaign on the REST interface, on a small scale: every operation, as every caller."""
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 from tests.campaigns.rest import campaign
 
 

@@ -15,7 +15,7 @@ from lift_manager.api.keys import Keys
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
-from lift_manager.web.access import caller_key
+from lift_manager.web.authenticator import caller_key
 from lift_manager.web.body import quoted
 from lift_manager.web.callers import ServedSite, forbid_other_computer
 from lift_manager.web.errors import RequestError

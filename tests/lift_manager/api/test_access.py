@@ -6,8 +6,8 @@ import traceback
 import pytest
 from starlette.routing import compile_path
 
-from lift_manager.api.access import ROLES, ROUTES, AccessLevel, LiftIn, Role, Route, refusal
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, holds_key, is_token, redacted, token
+from lift_manager.api.roles import ROLES, ROUTES, AccessLevel, LiftIn, Role, Route, refusal
 
 SECRET = "5ec2e7" * 10 + "beef"
 TOKEN = f"lm_0123abcd_{SECRET}"

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.config.site import LiftRmf, Rmf
-from lift_manager.lift.rmf import RmfRules
+from lift_manager.lift.rmf_view import RmfRules
 from register_maps.load import MAPS
 from tests.lift_manager.config.site_files import (
     GENERIC,

@@ -9,11 +9,11 @@ from lift_manager.lift.observation import (
     Observation,
     RobotDoor,
     barred_by,
+    door_by_signals,
     has_departed,
     is_on_fire,
     observe,
     permissions_needed,
-    robot_door,
 )
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
 from tests.lift_manager.lift.test_call import ABLE
@@ -32,7 +32,7 @@ def read(
 
 
 def door(observation: Observation, here: tuple[Side, ...] = (Side.FRONT,)) -> RobotDoor:
-    return robot_door(observation, here, frozenset())
+    return door_by_signals(observation, here, frozenset())
 
 
 def test_one_whole_reading_is_enough_when_it_came_in_one_piece() -> None:
@@ -207,7 +207,7 @@ def test_an_open_door_needs_the_permission_for_where_the_robot_is(
     aboard: bool | None, flags: dict[str, bool], word: RobotDoor
 ) -> None:
     observation = read(None, replace(OPEN, flags=flags), 0.0, PERMITTED)
-    assert robot_door(observation, (Side.FRONT,), permissions_needed(PERMITTED, aboard=aboard)) is word
+    assert door_by_signals(observation, (Side.FRONT,), permissions_needed(PERMITTED, aboard=aboard)) is word
 
 
 @pytest.mark.parametrize("aboard", [True, False, None])

@@ -6,7 +6,7 @@ from drivers.rate_limits import CALLERS
 from lift_manager.lift import queue
 from lift_manager.lift.queue import LAPSES_AFTER_S, Queue
 from lift_manager.lift.refusals import Refusal, Refused
-from lift_manager.lift.rmf import rmf_holder
+from lift_manager.lift.rmf_view import rmf_holder
 from lift_manager.lift.session import Holder
 
 WORKSHOP, RMF, RMF_SECOND = Holder("workshop", "workshop"), Holder("rmf", "fleet/robot1"), Holder("rmf", "fleet/robot2")

@@ -10,7 +10,7 @@ from drivers.model import Capabilities, LiftReading, LiftValues, Outcome, Result
 from lift_manager.lift import call as calls
 from lift_manager.lift.call import Call
 from lift_manager.lift.config import LiftConfig
-from lift_manager.lift.observation import Observation, RobotDoor, observe, robot_door
+from lift_manager.lift.observation import Observation, RobotDoor, door_by_signals, observe
 from lift_manager.lift.trust import (
     ENDED_AFTER_S,
     OPEN_FOR_S,
@@ -102,7 +102,7 @@ class Lift:
 def door(lift: Lift) -> RobotDoor:
     assert lift.observation is not None
     here = lift.doors_at.get(lift.observation.floor or "", ())
-    return robot_door(lift.observation, here, frozenset())
+    return door_by_signals(lift.observation, here, frozenset())
 
 
 def proven(able: Capabilities) -> Trust:

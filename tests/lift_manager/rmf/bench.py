@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
+from lift_manager.rmf.lift_state import MIN_GAP_S
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
-from lift_manager.rmf.publishing import MIN_GAP_S
 
 A, B = "fleet_a/robot1", "fleet_b/robot2"
 EPOCH = 1_700_000_000.0

@@ -9,6 +9,7 @@ import pytest
 
 from lift_manager.plain.rmf import HeldBy
 from lift_manager.rmf.contract import DEMAND_MAX_AGE_S, PASS_ON_S, REFUSAL_PAUSE_S, RENEW_S, REPEAT_S, UNDELIVERED_S
+from lift_manager.rmf.lift_state import PERIOD_S
 from lift_manager.rmf.messages import (
     DOOR_MOVING,
     DOOR_OPEN,
@@ -16,7 +17,6 @@ from lift_manager.rmf.messages import (
     LiftRequest,
 )
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, SessionDemand
-from lift_manager.rmf.publishing import PERIOD_S
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
 from tests.support.rows import each_row
 

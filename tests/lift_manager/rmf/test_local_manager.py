@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 
 from lift_manager.lift.refusals import Refusal
-from lift_manager.lift.rmf import RmfRules
+from lift_manager.lift.rmf_view import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.local_manager import MIN_GAP_S, LocalManager
 from lift_manager.rmf.port import Answer, EndOfSession, ManagerRequest, SessionDemand

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from lift_manager.lift.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT
+from lift_manager.lift.rmf_view import ADAPTER_ID, ADAPTER_ID_LIMIT
 from lift_manager.rmf.dds_config import config_of
 from lift_manager.rmf.ros_settings import BadSettings, RosSettings
 from tests.support.rows import each_row

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from drivers.model import CommandKind
 from lift_manager.lift.observation import RobotDoor
-from lift_manager.lift.state import OBEYS_WITHIN_S
+from lift_manager.lift.robot_door import OBEYS_WITHIN_S
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse

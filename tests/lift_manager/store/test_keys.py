@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.api.access import Role
 from lift_manager.api.keys import Key, Secret
+from lift_manager.api.roles import Role
 from lift_manager.lift.journal import Row
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyFile, keys_path, make_key, may_own, read_keys, revoke_key

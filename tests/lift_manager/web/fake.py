@@ -26,7 +26,7 @@ from lift_manager.lift.events import (
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.refusals import Accepted, Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
-from lift_manager.lift.rmf import RmfRules
+from lift_manager.lift.rmf_view import RmfRules
 from lift_manager.lift.session import EndReason, Holder
 from lift_manager.lift.state import LiftSignals, LiftState
 from lift_manager.runtime.bus import Bus, Event

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from functools import cache
 
-from lift_manager.api.access import OF_SOME_LIFTS, Role
 from lift_manager.api.keys import Key, KeyRing, digest_of, token
+from lift_manager.api.roles import OF_SOME_LIFTS, Role
 
 NAMED, OTHER = "lift", "goods"
 """The lifts of the fake manager: the first is that of the robot's key."""

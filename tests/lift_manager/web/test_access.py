@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import httpx
 import pytest
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 from lift_manager.lift.session import Holder
-from lift_manager.web.access import MAX_LOGGED_REFUSALS, REFUSAL_WINDOW_S, RefusalLog
 from lift_manager.web.app import make_app
+from lift_manager.web.authenticator import MAX_LOGGED_REFUSALS, REFUSAL_WINDOW_S, RefusalLog
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, STATE, FakeSite, ask, ask_app
 from tests.lift_manager.web.keyed import bearing, key, ring
 

@@ -13,12 +13,12 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 from starlette.types import Message, Scope
 
-from lift_manager.api.access import ROUTES, AccessLevel, LiftIn, Role, Route
 from lift_manager.api.keys import KeyRing, Keys
+from lift_manager.api.roles import ROUTES, AccessLevel, LiftIn, Role, Route
 from lift_manager.lift.session import Holder
 from lift_manager.runtime.links import WireFrame
 from lift_manager.runtime.site import Site
-from lift_manager.web.access_table import COLUMNS, FILE, NO_KEYS, access_table
+from lift_manager.web.access_page import COLUMNS, FILE, NO_KEYS, access_table
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import FakeSite, Made, app_of, ask_app
 from tests.lift_manager.web.fake_lifts import IDLE
@@ -104,7 +104,7 @@ def manager_of(role: Role | None, lift: str) -> FakeSite:
 
 
 def test_the_file_is_what_the_code_says() -> None:
-    assert FILE.read_text("utf-8") == access_table(), "run `python -m lift_manager.web.access_table`"
+    assert FILE.read_text("utf-8") == access_table(), "run `python -m lift_manager.web.access_page`"
 
 
 def test_the_application_has_every_route_of_the_table_and_no_other() -> None:

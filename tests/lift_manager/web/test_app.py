@@ -3,7 +3,7 @@ import logging
 
 import pytest
 
-from lift_manager.api.access import ROUTES, AccessLevel, Route
+from lift_manager.api.roles import ROUTES, AccessLevel, Route
 from lift_manager.lift.refusals import Accepted
 from lift_manager.lift.session import Holder
 from lift_manager.web.app import make_app

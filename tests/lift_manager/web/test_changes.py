@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from lift_manager.api.access import ROUTES
+from lift_manager.api.roles import ROUTES
 from lift_manager.lift.refusals import Blocking, Refusal, Refused
 from lift_manager.lift.session import Holder
 from lift_manager.web.body import LIMIT_BYTES
-from lift_manager.web.codes import REFUSAL_CODES
+from lift_manager.web.error_codes import REFUSAL_CODES
 from register_maps.words import Mode
 from tests.lift_manager.web.changes import CHANGES, HERE, LIFT, change, refused, with_all
 from tests.lift_manager.web.fake import ask

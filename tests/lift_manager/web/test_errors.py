@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lift_manager.lift.refusals import Refusal
-from lift_manager.web import codes
-from lift_manager.web.codes import CODES, REFUSAL_CODES, WEB_CODES
-from lift_manager.web.error_table import FILE, error_table
+from lift_manager.web import error_codes
+from lift_manager.web.error_codes import CODES, REFUSAL_CODES, WEB_CODES
+from lift_manager.web.errors_page import FILE, error_table
 from tests.lift_manager.web.fake import FakeSite, ask
 
-WEB = Path(codes.__file__).parent
+WEB = Path(error_codes.__file__).parent
 
 
 def raised_in(tree: ast.Module) -> Iterator[str]:
@@ -27,7 +27,7 @@ RAISED = {code for file in WEB.rglob("*.py") for code in raised_in(ast.parse(fil
 
 
 def test_the_file_is_what_the_code_says() -> None:
-    assert FILE.read_text("utf-8") == error_table(), "run `python -m lift_manager.web.error_table`"
+    assert FILE.read_text("utf-8") == error_table(), "run `python -m lift_manager.web.errors_page`"
 
 
 def test_every_refusal_has_a_code_and_no_code_is_there_that_nobody_says() -> None:

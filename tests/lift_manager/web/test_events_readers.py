@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from lift_manager.api.access import Role
 from lift_manager.api.keys import KeyRing, Secret
+from lift_manager.api.roles import Role
 from lift_manager.lift.events import Alarm
 from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import RideChanged

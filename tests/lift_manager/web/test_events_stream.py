@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 import uvloop
 
-from lift_manager.api.access import Role
 from lift_manager.api.keys import Key
+from lift_manager.api.roles import Role
 from lift_manager.lift.events import Alarm
 from lift_manager.lift.journal import Row
 from lift_manager.runtime.links import WireFrame

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 from lift_manager.lift.state import Quality
 from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_lifts import IDLE

@@ -7,8 +7,8 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.api.access import Role
 from lift_manager.api.problem import Problem
+from lift_manager.api.roles import Role
 from lift_manager.lift.refusals import Blocking
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, Quality

@@ -5,7 +5,7 @@ import asyncio
 import httpx
 import pytest
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import FakeSite, ask_app
 from tests.lift_manager.web.keyed import bearing, ring

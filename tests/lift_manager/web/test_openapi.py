@@ -10,15 +10,15 @@ import pytest
 from openapi_spec_validator import OpenAPIV31SpecValidator
 from pydantic import BaseModel, ValidationError
 
-from lift_manager.api.access import ROUTES, AccessLevel, Role
 from lift_manager.api.keys import KeyRing, Keys
 from lift_manager.api.people import AcknowledgeRequest
 from lift_manager.api.problem import MEDIA_TYPE
 from lift_manager.api.rides import ANY
 from lift_manager.api.rmf import RmfEndedRequest
+from lift_manager.api.roles import ROUTES, AccessLevel, Role
 from lift_manager.api.sessions import CommandRequest, OpenSessionRequest
 from lift_manager.lift.commands import CommandType
-from lift_manager.web.codes import CODES
+from lift_manager.web.error_codes import CODES
 from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.keyed import bearing, ring

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.browser import shown_by_chromium
 from tests.lift_manager.web.changes import refused

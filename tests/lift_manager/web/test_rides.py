@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 from lift_manager.lift.session import Holder
 from lift_manager.rides.ride import RideLimits, RideRequest
 from register_maps.words import Side

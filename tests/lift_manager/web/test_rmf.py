@@ -7,16 +7,16 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.api.access import Role
+from lift_manager.api.roles import Role
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Alarm
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.refusals import Refusal, Refused
-from lift_manager.lift.rmf import RmfRules, rmf_holder, rmf_session
+from lift_manager.lift.rmf_view import RmfRules, rmf_holder, rmf_session
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import Quality, Restrictions
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView, parse_site
-from lift_manager.runtime.rmf import rmf_site
+from lift_manager.runtime.rmf_view import rmf_site
 from register_maps.words import Mode, Motion
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeSite, Requested, ask

@@ -14,7 +14,7 @@ import uvloop
 from fastapi import FastAPI
 from starlette.responses import StreamingResponse
 
-from lift_manager.api.access import ROUTES, AccessLevel, Route
+from lift_manager.api.roles import ROUTES, AccessLevel, Route
 from lift_manager.web.app import make_app
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen, serve

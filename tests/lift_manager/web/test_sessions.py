@@ -6,8 +6,8 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.api.access import Role
 from lift_manager.api.keys import Key, KeyRing, digest_of, token
+from lift_manager.api.roles import Role
 from lift_manager.lift.commands import CommandRequest, CommandType
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import Holder

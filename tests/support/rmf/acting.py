@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from lift_manager.lab.virtual_time import elapse
 from lift_manager.lab.world.witness import FloorRequest
-from lift_manager.lift.rmf import rmf_holder
+from lift_manager.lift.rmf_view import rmf_holder
 from lift_manager.lift.session import Holder
 from lift_manager.runtime.errors import RequestRefused
 from register_maps.words import Mode

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from lift_manager.lift.rmf import rmf_lift
+from lift_manager.lift.rmf_view import rmf_lift
 from lift_manager.plain import rmf
 from lift_manager.runtime.site import Site
 

@@ -13,8 +13,8 @@ from starlette.requests import Request
 from starlette.routing import compile_path
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from lift_manager.api.access import AccessLevel, LiftIn, Route, refusal
 from lift_manager.api.keys import Key, Keys, Secret, holds_key
+from lift_manager.api.roles import AccessLevel, LiftIn, Route, refusal
 from lift_manager.runtime.refusals import FaceRefusal
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.errors import RequestError

@@ -1,16 +1,16 @@
-"""Generates ERRORS.md, the table of error codes: `python -m lift_manager.web.error_table`."""
+"""Generates ERRORS.md, the table of error codes: `python -m lift_manager.web.errors_page`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from lift_manager.web.codes import CODES
+from lift_manager.web.error_codes import CODES
 
 FILE = Path(__file__).with_name("ERRORS.md")
 
 _HEAD = """# Error codes
 
-Written by `python -m lift_manager.web.error_table` from `lift_manager/web/codes.py`; a test compares it. The manager serves it
+Written by `python -m lift_manager.web.errors_page` from `lift_manager/web/error_codes.py`; a test compares it. The manager serves it
 as `/errors.md`.
 
 Each error of `/api/v1` is problem+json (RFC 9457): `type`, `title`, `status`, `detail` for people, and `code` for programs, which

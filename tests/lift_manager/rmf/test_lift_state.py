@@ -7,8 +7,8 @@ from dataclasses import fields, replace
 import pytest
 
 from lift_manager.plain.rmf import HeldBy
+from lift_manager.rmf.lift_state import PERIOD_S, equal_except_time, stale_at
 from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, HUMAN_MODE, LiftState, Time
-from lift_manager.rmf.publishing import PERIOD_S, equal_except_time, stale_at
 from tests.lift_manager.rmf.bench import EPOCH, A, B, Bench, bench, ends, lift, riding, wants
 from tests.support.rows import each_row
 

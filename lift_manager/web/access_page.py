@@ -1,11 +1,11 @@
-"""Generates ACCESS.md, the table of which roles may send which requests: `python -m lift_manager.web.access_table`."""
+"""Generates ACCESS.md, the table of which roles may send which requests: `python -m lift_manager.web.access_page`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from lift_manager.api.access import ROUTES, AccessLevel, Role, Route, refusal
+from lift_manager.api.roles import ROUTES, AccessLevel, Role, Route, refusal
 
 FILE = Path(__file__).with_name("ACCESS.md")
 
@@ -22,7 +22,7 @@ COLUMNS = (
 NO_KEYS = ("this computer", "another computer")
 _HEAD = """# Which roles may send which requests
 
-Written by `python -m lift_manager.web.access_table` from `lift_manager/api/access.py`; a test compares it and tries
+Written by `python -m lift_manager.web.access_page` from `lift_manager/api/roles.py`; a test compares it and tries
 every cell on the application. A request that is not in the table does not exist.
 
 With keys: the site has at least one live key. "no" is 401 without a key and 403 with one.
