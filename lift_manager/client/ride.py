@@ -14,7 +14,7 @@ from lift_manager.api.rides import Ride
 from lift_manager.client.errors import ClientError, NotFound, Refused, Unreachable
 from lift_manager.client.ride_step import INVITATIONS, KnownRide, Step, is_unacknowledged, step_at, valid_for_s
 from lift_manager.client.stream import Connected, Disconnected, EventStream
-from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, refresh_pause_s
+from lift_manager.plain.client_aging import DEFAULT_MAX_AGE_S, SILENT_S, refresh_pause_s
 from lift_manager.rides.ride import OVER, RideWord
 
 _log = logging.getLogger(__name__)

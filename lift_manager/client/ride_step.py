@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from lift_manager.api.rides import Ride
 from lift_manager.lift.session import Advice
-from lift_manager.plain.aging import SILENT_S, is_too_old
+from lift_manager.plain.client_aging import SILENT_S, is_too_old
 from lift_manager.rides.ride import OVER, Guidance, Phase, RideWord
 
 INVITATIONS = frozenset({Guidance.ENTER, Guidance.LEAVE})

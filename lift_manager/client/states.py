@@ -14,7 +14,7 @@ from lift_manager.client.errors import ClientError, NotFound, Refused
 from lift_manager.client.stream import Connected, EventStream
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.state import Quality
-from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, age_s, is_too_old, refresh_pause_s
+from lift_manager.plain.client_aging import DEFAULT_MAX_AGE_S, SILENT_S, age_s, is_too_old, refresh_pause_s
 from lift_manager.plain.text import without_seconds
 
 _log = logging.getLogger(__name__)

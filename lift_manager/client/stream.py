@@ -17,8 +17,8 @@ from pydantic import TypeAdapter, ValidationError
 from lift_manager.api.events import AnyEvent
 from lift_manager.client.errors import ClientError, NotAManager, Refused, Unreachable
 from lift_manager.client.http import HttpClient, HttpRequest
-from lift_manager.plain.aging import SILENT_S
 from lift_manager.plain.backoff import Backoff
+from lift_manager.plain.client_aging import SILENT_S
 from lift_manager.plain.sse import EventParser, Message, TooLong
 
 _log = logging.getLogger(__name__)

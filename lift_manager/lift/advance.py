@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lift_manager.lift import call_output, doors, handshake, history, robot_mode
+from lift_manager.lift import call_output, doors, handshake, history, robot_mode_output
 from lift_manager.lift.call import Call, CallPhase, flags_missing, may_press_call, postpone
 from lift_manager.lift.config import ROBOT_MODE
 from lift_manager.lift.draft import Draft
@@ -54,7 +54,7 @@ def _rest(draft: Draft) -> None:
     if (observation := draft.observation) is not None:
         handshake.follow_robot(draft, observation, None)
     handshake.give_words(draft, None)
-    robot_mode.settle(draft)
+    robot_mode_output.settle(draft)
     if draft.session is not None:
         draft.change(session=replace(draft.session, lease_from=draft.now))
     if (call := draft.record.call) is not None:
@@ -65,7 +65,7 @@ def _serve(draft: Draft, session: Session, observation: Observation) -> None:
     """Press, hold and release for the session, as far as a fresh reading allows."""
     if draft.config.has(ROBOT_MODE):
         draft.change(used_by=session.number)
-    robot_mode.hold_robot_mode(draft, may_begin=session.may_begin)
+    robot_mode_output.hold_robot_mode(draft, may_begin=session.may_begin)
     handshake.give_words(draft, session)
     after = _serve_call(draft, session, observation)
     if isinstance(after, Session):

@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 
 from drivers.model import FloorName
-from lift_manager.lift import call_output, doors, handshake, history, robot_mode
+from lift_manager.lift import call_output, doors, handshake, history, robot_mode_output
 from lift_manager.lift.commands import SessionOver
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.draft import Draft
@@ -75,15 +75,15 @@ def end_session(draft: Draft, reason: EndReason, text: str, *, release: Release 
     if is_used:
         give_people_their_turn(draft)
     if draft.record.durable.fire_since is not None or draft.record.is_stopping:
-        robot_mode.drop_robot_mode(draft)
+        robot_mode_output.drop_robot_mode(draft)
     elif is_used:
-        robot_mode.keep_after_session(draft)
+        robot_mode_output.keep_after_session(draft)
     by_holder = reason in BY_HOLDER
     over = SessionOver(reason, text, None if by_holder else advice, draft.moment.clock)
     info = info.ended(history.ended_robot(draft.record, info.robot), over)
     history.archive_session(draft, session, info, over)
     draft.emit(SessionEnded(config.name, holder, reason, text, over.advice))
-    robot_mode.settle(draft)
+    robot_mode_output.settle(draft)
 
 
 def release_given(config: LiftConfig, session: Session | None) -> Release | None:
@@ -203,7 +203,7 @@ def release_in_fire(draft: Draft) -> bool:
     if release_at is None:
         return False
     if draft.now >= release_at:
-        robot_mode.drop_robot_mode(draft)
+        robot_mode_output.drop_robot_mode(draft)
         handshake.release_all(draft)
         draft.change(fire_release_at=None)
         end_session(draft, EndReason.FIRE, "there is a fire")
@@ -297,7 +297,7 @@ def stop(draft: Draft) -> None:
     if draft.session is not None and draft.session.ended_by_holder:
         end_session(draft, EndReason.RELEASED, "released")
     end_session(draft, EndReason.STOPPING, STOPPING_TEXT)
-    robot_mode.drop_robot_mode(draft)
+    robot_mode_output.drop_robot_mode(draft)
     handshake.release_all(draft)
     call_output.release_call(draft)
 

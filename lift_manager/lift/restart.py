@@ -25,7 +25,7 @@ from lift_manager.lift.events import RestrictionKind, SessionEnded, SessionResto
 from lift_manager.lift.inhibits import restriction_text
 from lift_manager.lift.occupancy import Occupancy, OccupancyAtEnd, SavedBoarding
 from lift_manager.lift.record import DoorHold, DurableRecord, LiftRecord, Occupied, RobotModeHold, SavedSession
-from lift_manager.lift.robot_mode import kept_after
+from lift_manager.lift.robot_mode_output import kept_after
 from lift_manager.lift.session import (
     BY_HOLDER,
     EndReason,

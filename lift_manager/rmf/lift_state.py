@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lift_manager.plain.aging import age_s, is_too_old
+from lift_manager.plain.client_aging import age_s, is_too_old
 from lift_manager.plain.rmf import LiftView
 from lift_manager.rmf.contract import LiftContract
 from lift_manager.rmf.messages import (

@@ -14,7 +14,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, refresh_pause_s
 from lift_manager.plain.answers import (
     NotJson,
     describe_no_answer,
@@ -25,6 +24,7 @@ from lift_manager.plain.answers import (
 )
 from lift_manager.plain.backoff import Backoff
 from lift_manager.plain.change_signal import ChangeSignal, event_number
+from lift_manager.plain.client_aging import DEFAULT_MAX_AGE_S, SILENT_S, refresh_pause_s
 from lift_manager.plain.http import Connection, NoAnswer, Reply, Server, StreamedReply
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.rmf import BadAnswer, SiteView, parse_decision, parse_site

@@ -24,7 +24,7 @@ from lift_manager.lift.observation import Moment
 from lift_manager.lift.outputs import outputs
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.session import Holder
-from lift_manager.runtime.holds import Holds
+from lift_manager.runtime.hold_beginnings import Holds
 from lift_manager.runtime.inbox import Inbox
 from lift_manager.runtime.journal import LiftJournal
 from lift_manager.runtime.recorder import Recorder

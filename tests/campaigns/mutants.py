@@ -167,7 +167,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "robot mode under way",
         (
             Edit(
-                "lift_manager/lift/robot_mode.py",
+                "lift_manager/lift/robot_mode_output.py",
                 "under_way = last is not None and may_be_moving(last) and robot_mode_granted(last, config.capabilities)",
                 "under_way = False",
             ),

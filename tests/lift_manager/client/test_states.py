@@ -9,7 +9,7 @@ from lift_manager.api.lifts import Held, Lift
 from lift_manager.client import LiftManagerClient, NotAllowed, NotFound, States
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.state import Quality
-from lift_manager.plain.aging import is_too_old
+from lift_manager.plain.client_aging import is_too_old
 from register_maps.words import Mode, Motion
 from tests.lift_manager.client.manager import IDLE, LIFT, OPEN, URL, Manager, no
 from tests.support.virtual_time import elapse, run_virtual

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from drivers.model import Command, CommandKind, OutputState
 from lift_manager.lift.outputs import Hold
-from lift_manager.runtime.holds import Holds
+from lift_manager.runtime.hold_beginnings import Holds
 from register_maps.words import Side
 
 DOOR = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
