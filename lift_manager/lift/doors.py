@@ -11,10 +11,9 @@ from lift_manager.lift.commands import DOOR_WITHIN_S, CommandProgress
 from lift_manager.lift.config import LiftConfig, door_hold
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.events import hold_spent_text
-from lift_manager.lift.inhibits import why_no_close, why_no_press
+from lift_manager.lift.inhibits import barred_by, why_no_close, why_no_press
 from lift_manager.lift.observation import (
     Observation,
-    barred_by,
     has_departed,
     is_closing,
     robot_mode_granted,

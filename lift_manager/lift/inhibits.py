@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.model import Command, CommandKind, FloorName, PressId
+from drivers.model import Capabilities, Command, CommandKind, FloorName, LiftValues, PressId
 from lift_manager.lift.call import call_command
 from lift_manager.lift.config import ROBOT_IN_PLACE, LiftConfig
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.observation import (
     Moment,
     Observation,
-    barred_by,
     doubt_at,
     is_fresh,
     is_on_fire,
+    robots_forbidden,
     unreadable_fire_signal,
 )
 from lift_manager.lift.occupancy import Occupancy, occupancy_matters
@@ -37,6 +37,14 @@ from register_maps.vocabulary import CALLS
 _CALLS_OF_EMPTY_CAR = frozenset(CALLS) - {CommandKind.GO}
 _TOO_OLD = "the last reading is too old"
 _DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
+
+
+_DECIDING_FLAGS = (
+    ("robots_allowed", True, "its key switch does not allow robots"),
+    ("ready", True, "it is not ready"),
+    ("watchdog_tripped", False, "its module watchdog has tripped, so its outputs are not ours"),
+)
+"""Flags that decide whether robots may command the lift: the value that lets them, and the reason given for the other one."""
 
 
 def fresh(config: LiftConfig, record: LiftRecord, moment: Moment) -> Observation | None:
@@ -91,6 +99,22 @@ def why_no_press(config: LiftConfig, record: LiftRecord, moment: Moment) -> str 
     if lockout is not None and not (record.session is not None and record.session.end_is_announced):
         return f"it is locked out {restriction_text(record, RestrictionKind.LOCKOUT, moment)}"
     return barred_by(observation.values, config.capabilities)
+
+
+def barred_by(values: LiftValues, capabilities: Capabilities) -> str | None:
+    """Return why no robot may command the lift now, by its own signals; None when one may."""
+    if robots_forbidden(values.mode):
+        return f"its mode is {values.mode}"
+    for flag, lets, otherwise in _DECIDING_FLAGS:
+        value = values.flags.get(flag)
+        if value is not None and value is not lets:
+            return otherwise
+        if value is None and flag in capabilities.signals:
+            raw = f" reads {values.unknown[flag]}, which its map does not list" if flag in values.unknown else ""
+            return f"its signal {flag}{raw or ' cannot be read'}; check its wiring and its entry in the map"
+    if capabilities.watched and values.watchdog_s == 0:
+        return "the module watchdog is switched off: nothing would let go of the door if this manager were lost"
+    return None
 
 
 def why_no_robot_mode(config: LiftConfig, record: LiftRecord, moment: Moment) -> str | None:

@@ -17,13 +17,6 @@ from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
 MOVING = frozenset({Motion.UP, Motion.DOWN, Motion.MOVING})
 """Motions of a car that does not stand."""
 
-_DECIDING_FLAGS = (
-    ("robots_allowed", True, "its key switch does not allow robots"),
-    ("ready", True, "it is not ready"),
-    ("watchdog_tripped", False, "its module watchdog has tripped, so its outputs are not ours"),
-)
-"""Flags that decide whether robots may command the lift: the value that lets them, and the reason given for the other one."""
-
 
 @dataclass(frozen=True, slots=True)
 class Moment:
@@ -131,22 +124,6 @@ def is_fresh(capabilities: Capabilities, moment: Moment) -> bool:
 def robots_forbidden(mode: Mode) -> bool:
     """Whether a mode belongs to people: nothing is pressed and no robot is invited in it."""
     return mode in ROBOT_FORBIDDEN_MODES
-
-
-def barred_by(values: LiftValues, capabilities: Capabilities) -> str | None:
-    """Return why no robot may command the lift now, by its own signals; None when one may."""
-    if robots_forbidden(values.mode):
-        return f"its mode is {values.mode}"
-    for flag, lets, otherwise in _DECIDING_FLAGS:
-        value = values.flags.get(flag)
-        if value is not None and value is not lets:
-            return otherwise
-        if value is None and flag in capabilities.signals:
-            raw = f" reads {values.unknown[flag]}, which its map does not list" if flag in values.unknown else ""
-            return f"its signal {flag}{raw or ' cannot be read'}; check its wiring and its entry in the map"
-    if capabilities.watched and values.watchdog_s == 0:
-        return "the module watchdog is switched off: nothing would let go of the door if this manager were lost"
-    return None
 
 
 def permissions_needed(capabilities: Capabilities, *, aboard: bool | None) -> frozenset[str]:

@@ -90,7 +90,7 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant(
         "mode check",
         (
-            Edit("lift_manager/lift/observation.py", "if robots_forbidden(values.mode):", "if False:"),
+            Edit("lift_manager/lift/inhibits.py", "if robots_forbidden(values.mode):", "if False:"),
             Edit(
                 "lift_manager/lift/observation.py",
                 "is_safe = is_believed and is_permitted and not robots_forbidden(observation.values.mode)",
@@ -258,7 +258,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "key switch, ready and watchdog flags",
         (
             Edit(
-                "lift_manager/lift/observation.py",
+                "lift_manager/lift/inhibits.py",
                 "for flag, lets, otherwise in _DECIDING_FLAGS:",
                 "for flag, lets, otherwise in ():",
             ),

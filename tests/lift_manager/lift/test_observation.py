@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from drivers.model import Capabilities, LiftReading, LiftValues
+from lift_manager.lift.inhibits import barred_by
 from lift_manager.lift.observation import (
     Observation,
     RobotDoor,
-    barred_by,
     door_by_signals,
     has_departed,
     is_on_fire,
