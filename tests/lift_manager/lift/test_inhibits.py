@@ -65,14 +65,14 @@ def test_what_the_site_does_not_have_is_refused(site: dict[str, object], floor: 
 
 BLOCKED: dict[str, tuple[Does, str]] = {
     "a stale reading": (lambda lift: setattr(lift, "now", lift.now + 2.0), "too old"),
-    "a fire": (lambda lift: lift.read(fire=True), "nobody wants it"),
+    "a fire": (lambda lift: lift.read(fire=True), "nobody requests it"),
     "a lockout": (
         lambda lift: lift.take(Restrict(RestrictionKind.LOCKOUT, "ann", "x", at_once=True)),
-        "nobody wants it",
+        "nobody requests it",
     ),
     "the end of its session": (lambda lift: lift.take(EndSession(ROBOT, 3.0)), "has ended its session"),
-    "the stop of the manager": (lambda lift: lift.take(Stop()), "nobody wants it"),
-    "another floor": (lambda lift: lift.accept("L3"), "nobody wants it"),
+    "the stop of the manager": (lambda lift: lift.take(Stop()), "nobody requests it"),
+    "another floor": (lambda lift: lift.accept("L3"), "nobody requests it"),
 }
 
 
