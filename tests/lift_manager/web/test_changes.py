@@ -68,17 +68,27 @@ def test_a_body_is_json_whatever_type_it_declares(path: str, declared: str) -> N
 BLOCKING = Blocking(Holder("rmf", "rmf"), Mode.FIRE, 12.0, 3.5, 2)
 
 
-@every_change
-@pytest.mark.parametrize("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
-def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(path: str, code: Refusal) -> None:
-    no = Refused(code, "because", BLOCKING)
-    answer = change(with_all(refuses=no), path)
-    detail = refused(answer, REFUSAL_CODES[code].status, code)
-    if code is Refusal.NO_SUCH_SESSION and "/sessions/" in path:
-        return  # one text for every session that is not the caller's
-    assert detail == "because"
+def says_what_stands_in_the_way(path: str, code: Refusal) -> None:
+    answer = change(with_all(refuses=Refused(code, "because", BLOCKING)), path)
+    assert refused(answer, REFUSAL_CODES[code].status, code) == "because"
     told = {name: answer.json()[name] for name in ("holder", "mode", "since_s", "age_s", "ahead")}
     assert told == {"holder": "rmf", "mode": "fire", "since_s": 12.0, "age_s": 3.5, "ahead": 2}
+
+
+@pytest.mark.parametrize("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
+def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(code: Refusal) -> None:
+    says_what_stands_in_the_way(f"{LIFT}/sessions", code)
+
+
+@every_change
+def test_every_change_says_what_stands_in_its_way(path: str) -> None:
+    says_what_stands_in_the_way(path, Refusal.HELD)
+
+
+@pytest.mark.parametrize("path", [path for path in CHANGES if "/sessions/" in path])
+def test_every_session_that_is_not_the_callers_is_refused_in_the_same_words(path: str) -> None:
+    no = Refused(Refusal.NO_SUCH_SESSION, "because", BLOCKING)
+    refused(change(with_all(refuses=no), path), 404, "no_such_session")
 
 
 @pytest.mark.parametrize("path", [path for path in CHANGES if path.startswith(LIFT)])
