@@ -72,7 +72,11 @@ class Workshop:
         seen: list[State] = []
 
         def look() -> bool:
-            seen.append(self.state(lift))
+            answer = self.answer(lift)
+            if not answer["success"]:  # on a computer too busy to read its lift in time a client waits, too
+                assert "is offline" in answer["msg"]
+                return False
+            seen.append(answer["data"])
             return true(seen[-1])
 
         eventually(look, within_s)

@@ -443,7 +443,7 @@ def test_it(lift_site):
     lift_site.wait_for(swallow_a_bug)
 
 def test_after_it(lift_site):
-    assert lift_site.state().quality == "live"
+    lift_site.wait_for(lambda state: state.quality == "live")
 """
     ended, said = outcome_of(pytester, body)
     assert ended == {"passed": 2, "errors": 1}
