@@ -23,6 +23,7 @@ from lift_manager.lab.world.world import JOURNAL_ROWS, World
 from lift_manager.lift.config import CLEARS_IN_A_LIMIT
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.refusals import Refused
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.errors import RequestRefused
@@ -79,7 +80,7 @@ class Played:
     invitations: int = 0
     rides: int = 0
     """Robots that were let out where they wanted to go."""
-    people: list[tuple[float, PersonActs, RequestRefused | None]] = field(default_factory=list)
+    people: list[tuple[float, PersonActs, Refused | None]] = field(default_factory=list)
     """What people with the right to do so did, when, and why that was refused; None where it was taken."""
     aboard: Aboard = field(init=False)
     """Whose robots stand in the cars."""
@@ -276,7 +277,7 @@ async def _fail(world: World, lift: str, event: DeviceFails | WireFails | DiskFa
             world.end_disk_fault(event.fault)
 
 
-def _person_acts(world: World, lift: str, what: str) -> RequestRefused | None:
+def _person_acts(world: World, lift: str, what: str) -> Refused | None:
     site = world.site
     try:
         match what:
@@ -286,8 +287,8 @@ def _person_acts(world: World, lift: str, what: str) -> RequestRefused | None:
                 site.lock_out(lift, "the guard", "moving furniture")
             case _:
                 site.end_lockout(lift, "the guard")
-    except RequestRefused as refused:
-        return refused
+    except RequestRefused as error:
+        return Refused(error.code, error.message, error.blocking)  # the exception keeps its manager alive
     return None
 
 

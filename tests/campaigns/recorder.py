@@ -20,6 +20,7 @@ from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lab.world.world import World
 from lift_manager.lift.journal import Row
+from lift_manager.lift.refusals import Refused
 from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.bus import Event, StateChanged
 from lift_manager.runtime.errors import RequestRefused
@@ -145,7 +146,7 @@ class Recorder:
                     text = text.replace(number, other)
                 self.recording[name] = json.loads(text)
 
-    def _replied(self, at: float, said: Mapping[str, object], refused: RequestRefused | None) -> None:
+    def _replied(self, at: float, said: Mapping[str, object], refused: RequestRefused | Refused | None) -> None:
         self._add("inputs", at, _plain(said))
         reply: dict[str, Json] = {"success": True}
         if refused is not None:
