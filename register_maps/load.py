@@ -62,6 +62,9 @@ _HEAD: StandIns = {
 """Replaces missing or wrong parts of the head, so that the rest is checked as well."""
 
 
+_IS_SITE = "this is a site file and not a map; check it with `lift-manager check`"
+
+
 @dataclass(frozen=True, slots=True)
 class LoadedMap:
     """A map that has passed every check, and the file it came from."""
@@ -89,6 +92,8 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: MapChan
     """
     path = _find(name_or_path, near or Path())
     source = _ChangedSource.of(read(path, number_keys=_is_value_table), changes)
+    if isinstance(source.data, dict) and "lifts" in source.data and "signals" not in source.data:
+        raise MapFileError([Finding(str(path), None, "", _IS_SITE)])
     wrong = [
         source.finding(("override", key), _not_changeable(key)) for key in changes.override if key not in CHANGEABLE
     ]

@@ -43,7 +43,9 @@ def lifts(
         found = connection.run(lambda client: client.lifts())
         print_lines([json.dumps([lift.model_dump(mode="json") for lift in found], indent=2, ensure_ascii=False)])
     else:
-        out.print(_table(*connection.run(_read)), highlight=False)
+        shown, display_names = connection.run(_read)
+        out.print(_table(shown, display_names), highlight=False)
+        print_lines(f"{lift.name}: {note}" for lift in shown if (note := _note(lift)))
 
 
 async def _read(client: LiftManagerClient) -> tuple[Sequence[Lift], Sequence[str]]:
@@ -73,7 +75,7 @@ async def _print(states: States, *, as_json: bool) -> None:
 def _table(found: Sequence[Lift], display_names: Sequence[str]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="")
     called = ("called",) if any(display_names) else ()
-    for name in ("lift", *called, "floor", "door", "motion", "mode", "held by", "age", "note"):
+    for name in ("lift", *called, "floor", "door", "motion", "mode", "held by", "age"):
         table.add_column(name, overflow="fold", no_wrap=name == "lift")
     for lift, display_name in zip(found, display_names, strict=True):
         name, *cells = _cells(lift)
@@ -90,9 +92,9 @@ def _cells(lift: Lift) -> tuple[str, ...]:
     age = "-" if lift.age_s is None else f"{lift.age_s:.1f} s"
     held = "-" if lift.session is None else _holder_name(lift.session.face, lift.session.name)
     if lift.quality is Quality.OFFLINE:
-        return lift.name, "-", "-", "-", "offline", held, age, _note(lift)
+        return lift.name, "-", "-", "-", "offline", held, age
     doors = ", ".join(f"{side} {door}" for side, door in lift.doors.items()) or "-"
-    return lift.name, lift.floor or "-", doors, str(lift.motion), str(lift.mode), held, age, _note(lift)
+    return lift.name, lift.floor or "-", doors, str(lift.motion), str(lift.mode), held, age
 
 
 def _note(lift: Lift) -> str:
@@ -123,10 +125,11 @@ def _split_holder(holder: str) -> tuple[str, str]:
 
 
 def _line(lift: Lift) -> str:
-    name, floor, door, motion, mode, held, _, note = _cells(lift)
+    name, floor, door, motion, mode, held, _ = _cells(lift)
     parts = [f"{name}: {mode}"]
     if lift.quality is Quality.LIVE:
         parts += [f"at {floor}", f"door {door}", motion]
     if held != "-":
         parts.append(f"held by {held}")
+    note = _note(lift)
     return ", ".join([*parts, note] if note else parts)

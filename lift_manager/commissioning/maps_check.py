@@ -6,21 +6,12 @@ from collections.abc import Iterator
 
 from lift_manager.commissioning.wording import one_line
 from lift_manager.config.load import check_file
-from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, load
-
-_SITE_KEYS = ("controllers", "lifts")
 
 
 def report(name_or_path: str) -> list[str]:
     """Check a shipped map by its name, or a file. Raises MapFileError with every finding."""
-    try:
-        loaded = load(name_or_path)
-    except MapFileError as error:
-        if {finding.key for finding in error.findings}.issuperset(_SITE_KEYS):
-            advice = "this is a site file and not a map; check it with `lift-manager check`"
-            raise MapFileError([Finding(name_or_path, None, "", advice)]) from error
-        raise
+    loaded = load(name_or_path)
     missing = [f"a site must add: {name}: {one_line(why)}" for name, why in loaded.map.needs.items()]
     return [*unset_text(loaded), *missing, *check_file(loaded.path)]
 

@@ -22,6 +22,7 @@ from register_maps.schema import CALLS, LinkDefaults, RegisterMap
 from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_validate
 
 _MAP_KEYS = {"provenance", "addressing", "served", "signals", "commands"}
+_IS_MAP = "this is a register map and not a site file; a controller of a site file names it, as its `map`"
 _NOT_A_LIFT = {
     "template": "is a template and was taken from no lift",
     "simulation": "is that of a simulation",
@@ -101,6 +102,8 @@ class LoadedSite:
 def load_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
     """Read and check a site file; `for_rmf` assumes use with RMF, whatever it says. Raises MapFileError with every finding."""
     source = read(path, number_keys=is_value_table)
+    if _is_map(source.data):
+        raise MapFileError([Finding(str(path), None, "", _IS_MAP)])
     attempt = try_validate(source, Site, stand_ins=_STAND_INS)
     site = attempt.model
     maps = load_maps(source, path.parent)
@@ -114,6 +117,11 @@ def load_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
     if findings or site is None:
         raise MapFileError([*findings, *unusable])
     return LoadedSite(site, maps.lifts, path, maps.spare, unusable)
+
+
+def _is_map(data: object) -> bool:
+    """Whether a file is a register map, and no site file."""
+    return isinstance(data, dict) and not data.keys().isdisjoint(_MAP_KEYS) and "lifts" not in data
 
 
 def _is_consequence(problem: Problem, replaced: Collection[KeyPath]) -> bool:
@@ -157,8 +165,7 @@ def check_file(
 
     `obstacles` finds what prevents the use of a correct site file; `for_rmf` is as for `load_site`.
     """
-    data = read(path, number_keys=lambda _: True).data
-    if isinstance(data, dict) and data.keys() & _MAP_KEYS and "lifts" not in data:
+    if _is_map(read(path, number_keys=lambda _: True).data):
         loaded = load(path)
         return [
             *(f"caution: {warning}" for warning in loaded.warnings),

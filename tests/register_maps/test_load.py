@@ -89,6 +89,15 @@ def test_a_missing_file_is_told_by_its_path(tmp_path: Path) -> None:
     assert refusal("maps/acme.yaml", near=tmp_path) == f"{tmp_path}/maps/acme.yaml: there is no such file"
 
 
+def test_a_site_file_in_the_place_of_a_map_is_one_mistake(tmp_path: Path) -> None:
+    site = tmp_path / "site.yaml"
+    site.write_text("schema: 1\nname: lobby\ncontrollers: {plc: {map: generic-coils}}\nlifts: {}\n")
+    with pytest.raises(MapFileError) as raised:
+        load(site)
+    (finding,) = raised.value.findings
+    assert str(finding) == f"{site}: this is a site file and not a map; check it with `lift-manager check`"
+
+
 def test_the_maps_are_found_wherever_the_package_is_installed(tmp_path: Path) -> None:
     shutil.copytree(PACKAGE, tmp_path / "site" / "register_maps", ignore=shutil.ignore_patterns("__pycache__"))
     script = "import register_maps.load as l; print(l.__file__, *(l.load(name).map.name for name in l.shipped()))"

@@ -24,10 +24,18 @@ def test_the_lifts_are_shown_in_a_table_and_as_json(lift_site: LiftSite) -> None
     table = call("lifts", "--manager", lift_site.address)
     assert table.returncode == 0
     head, line = table.stdout.splitlines()
-    assert head.split() == ["lift", "floor", "door", "motion", "mode", "held", "by", "age", "note"]
+    assert head.split() == ["lift", "floor", "door", "motion", "mode", "held", "by", "age"]
     assert line.split()[:5] == ["main", "L1", "front", "closed", "stopped"]
     (lift,) = json.loads(call("lifts", "--json", "--manager", lift_site.address).stdout)
     assert (lift["name"], lift["quality"]) == ("main", "live")
+
+
+def test_what_keeps_robots_off_stands_below_the_table_and_is_not_folded(lift_site: LiftSite) -> None:
+    lift_site.lock_out(by="M. Weber", reason="new ropes, and a car that waits for its second inspection on Monday")
+    _, line, note = call("lifts", "--manager", lift_site.address).stdout.splitlines()
+    assert line.startswith("main ")
+    assert note.startswith("main: locked out by M. Weber")
+    assert note.endswith("inspection on Monday")
 
 
 def test_changes_are_followed(lift_site: LiftSite) -> None:

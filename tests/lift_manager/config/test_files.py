@@ -18,6 +18,7 @@ from tests.support.rows import each_row
         pytest.param(b"", said(None, "", "empty"), id="nothing"),
         pytest.param(b"# soon\n", said(None, "", "empty"), id="a comment only"),
         pytest.param(b"- one\n- two\n", said(1, "", "must be a table of keys", "list"), id="a list"),
+        pytest.param(b"signals: {}\n", said(None, "", "this is a register map and not a site file"), id="a map"),
         pytest.param(b"hello\n", said(1, "", "must be a table of keys"), id="text"),
         pytest.param(b"\x7fELF\x02\x01\xff\xfe", said(1, "", "not UTF-8"), id="a program"),
         pytest.param(b"name: a\x00b\n", said(1, "", "U+0000 is not allowed"), id="a zero byte"),
