@@ -64,7 +64,7 @@ def test_an_operator_locks_out_drains_releases_and_acknowledges(lift_site: LiftS
     done(drain, *here)
     assert lift_site.state().restrictions.drain
     done(undrain, *here)
-    lift_site.ask("L2", by="robot 2")
+    lift_site.request("L2", by="robot 2")
     lift_site.wait_for(lambda state: state.robot_door == "open", within_s=60)
     done(release, *here)
     lift_site.wait_for(lambda state: state.holder is None, within_s=60)

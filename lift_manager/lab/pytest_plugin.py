@@ -1,6 +1,6 @@
 """pytest fixtures for robot teams: a lift, its controller, its cable and its manager, all of which can be made to fail.
 
-Until a test asks for one of them nothing heavy is imported: every pytest of this interpreter loads this file.
+pytest loads this file in every project of this interpreter, so it imports nothing heavy until a test requests a fixture.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ try:
     stop_if_shadowed()
 except SystemExit as shadowed:
     raise pytest.UsageError(
-        f"{shadowed} Or leave the plugin out, with 'pytest -p no:lift_manager', if no test needs a lift."
+        f"{shadowed} If no test needs a lift, run 'pytest -p no:lift_manager' to leave the plugin out."
     ) from None
 
 
@@ -37,15 +37,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture
 def lift_bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
-    """The base of the other fixtures: a thread with the lifts of the markers."""
-    # heavy, and so imported here, when a test needs it
+    """The base of the other fixtures: a thread with one lift for each marker."""
+    # heavy imports: only when a test needs them
     from lift_manager.lab.bench import Bench  # noqa: PLC0415
-    from lift_manager.lab.bench.plan import wish_of  # noqa: PLC0415
+    from lift_manager.lab.bench.plan import read_marker  # noqa: PLC0415
 
     with ExitStack() as stack:
         with _in_words():
-            wishes = [wish_of(mark.args, mark.kwargs) for mark in _marks(request)]
-            bench = stack.enter_context(Bench(wishes, near=request.path.parent, folder=tmp_path))
+            markers = [read_marker(mark.args, mark.kwargs) for mark in _marks(request)]
+            bench = stack.enter_context(Bench(markers, near=request.path.parent, folder=tmp_path))
         yield bench
 
 
@@ -70,16 +70,16 @@ def lift_site(lift_bench: Bench) -> LiftSite:
 
 
 def _marks(request: pytest.FixtureRequest) -> list[pytest.Mark]:
-    """Return the markers of the test, else those of its class, else those of its module, as they are read."""
+    """Return the markers of the test, else of its class, else of its module, from top to bottom."""
     found = list(request.node.iter_markers_with_node(name="lift"))
     marks = [mark for node, mark in found if node is found[0][0]]
-    # decorators are applied from below
+    # decorators are applied from the bottom up
     return marks[::-1] if found and found[0][0] is request.node else marks
 
 
 @contextmanager
 def _in_words() -> Iterator[None]:
-    """Fail with the message about the mistake in the test, without an internal traceback."""
+    """Report a mistake in the test by its message alone, without an internal traceback."""
     from lift_manager.lab.bench import BenchError  # noqa: PLC0415
 
     try:

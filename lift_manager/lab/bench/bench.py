@@ -16,11 +16,11 @@ from lift_manager.lab.bench.wire import ModbusFaults, Wires
 
 
 class Bench:
-    """Owns the thread, tasks and sockets of one test; `close` ends them all, and raises what broke on them."""
+    """Owns the thread, tasks and sockets of one test. Its end closes them all and raises the errors that they met."""
 
-    def __init__(self, wishes: Sequence[Mapping[str, Any]], *, near: Path, folder: Path) -> None:
-        """`wishes` are the markers, `near` is the folder of their maps, and `folder` is for files. Raises BenchError."""
-        self._plans = plan_lifts(wishes, near)
+    def __init__(self, markers: Sequence[Mapping[str, Any]], *, near: Path, folder: Path) -> None:
+        """`markers` describe the lifts, `near` is the folder of their maps, and `folder` is for files. Raises BenchError."""
+        self._plans = plan_lifts(markers, near)
         self._plants = {plan.name: Plant(plan) for plan in self._plans}
         self._folder = folder
         self._wires: Wires | None = None
@@ -43,7 +43,7 @@ class Bench:
             lifts = ", ".join(self._simulators)
             first = next(iter(self._simulators))
             raise BenchError(
-                f"lift_simulator is the lift of a test with one, and this has {lifts}; take lift_site.simulator({first!r})"
+                f"lift_simulator is the only lift of a test, and this one has {lifts}; use lift_site.simulator({first!r})"
             )
         return next(iter(self._simulators.values()))
 

@@ -11,5 +11,5 @@ class BenchBroken(BenchError):
     """The manager or the simulator ended because of a bug; the bug itself is raised when the fixture ends."""
 
 
-class NeverSeen(AssertionError):
+class ConditionNotMet(AssertionError):
     """A condition did not occur in time. An AssertionError, so that the test fails instead of ending with an error."""

@@ -1,4 +1,4 @@
-"""Faults as a test names them: a value, or a name with the values of its fields."""
+"""Reads the faults that a test names: a value, or a name with the values of its fields."""
 
 from __future__ import annotations
 
@@ -71,5 +71,5 @@ def _made(name: str, kind: type, values: Mapping[str, object]) -> Any:
         return TypeAdapter(kind).validate_python(dict(values))
     except ValidationError as error:
         found = error.errors(include_url=False, include_input=False)
-        said = "; ".join(f"{'.'.join(map(str, one['loc']))} {one['msg']}".strip() for one in found)
-        raise BenchError(f"{name}: {said}") from error
+        texts = "; ".join(f"{'.'.join(map(str, one['loc']))} {one['msg']}".strip() for one in found)
+        raise BenchError(f"{name}: {texts}") from error

@@ -49,12 +49,12 @@ class LiftPlan:
     """Further keys of this lift in the site file, besides its controller and floors."""
 
 
-def plan_lifts(wishes: Sequence[Mapping[str, Any]], near: Path) -> tuple[LiftPlan, ...]:
-    """Return the lifts of a test, one for each marker, or the default one without markers.
+def plan_lifts(markers: Sequence[Mapping[str, Any]], near: Path) -> tuple[LiftPlan, ...]:
+    """Return the lifts of a test: one for each marker, or a default one without markers.
 
     `near` is the folder for maps that are given by a path. Raises BenchError.
     """
-    plans = tuple(_plan(wish, near) for wish in wishes or ({},))
+    plans = tuple(_plan(marker, near) for marker in markers or ({},))
     names = [plan.name for plan in plans]
     for name in names:
         if names.count(name) > 1:
@@ -62,37 +62,37 @@ def plan_lifts(wishes: Sequence[Mapping[str, Any]], near: Path) -> tuple[LiftPla
     return plans
 
 
-def wish_of(args: Sequence[object], kwargs: Mapping[str, object]) -> dict[str, object]:
-    """Return the lift that one marker describes. Raises BenchError for an unknown key."""
+def read_marker(args: Sequence[object], kwargs: Mapping[str, object]) -> dict[str, object]:
+    """Return the keys of one marker by name. Raises BenchError for an unknown key."""
     allowed = (*_OWN_KEYS, *_SITE_KEYS)
     if len(args) > 1:
         raise BenchError(f"@pytest.mark.lift takes one name and then keys, not {', '.join(map(repr, args))}")
     for key in kwargs:
         if key not in allowed:
             hint = closest(key, allowed) or f"; there is {', '.join(allowed)}"
-            fixed = "; the bench says that itself" if key in _FIXED_KEYS else hint
+            fixed = "; the bench sets that itself" if key in _FIXED_KEYS else hint
             raise BenchError(f"@pytest.mark.lift has no {key!r}{fixed}")
     if args and "name" in kwargs:
         raise BenchError(f"@pytest.mark.lift names its lift twice: {args[0]!r} and {kwargs['name']!r}")
     return {**({"name": args[0]} if args else {}), **kwargs}
 
 
-def _plan(wish: Mapping[str, Any], near: Path) -> LiftPlan:
-    name, map_name, speed = wish.get("name", NAME), wish.get("map", MAP), wish.get("speed", SPEED)
+def _plan(marker: Mapping[str, Any], near: Path) -> LiftPlan:
+    name, map_name, speed = marker.get("name", NAME), marker.get("map", MAP), marker.get("speed", SPEED)
     if not isinstance(name, str) or not name:
         raise BenchError(f"the name of a lift is text, not {name!r}")
     if isinstance(speed, bool) or not isinstance(speed, int | float) or not speed > 0:
         raise BenchError(f"{name}: speed must be a number above 0, such as 20, not {speed!r}")
     if not isinstance(map_name, str | Path):
         raise BenchError(f"{name}: map must be the name of a shipped map or a path, not {map_name!r}")
-    keys = {key: wish[key] for key in _SITE_KEYS if key in wish}
+    keys = {key: marker[key] for key in _SITE_KEYS if key in marker}
     changes = MapChanges(keys.get("parameters", {}), keys.get("override", {}))
     try:
         loaded = load(map_name, near=near, changes=changes)
     except (MapFileError, OSError) as error:
         raise BenchError(f"{name}: map {map_name!s} cannot be used: {error}") from error
     codec = compile_map(loaded.map)
-    floors = _floors(name, wish.get("floors"), codec)
+    floors = _floors(name, marker.get("floors"), codec)
     least_s = max(POLL_S, loaded.map.link.min_poll_s)
     usual = {
         "access": "control",
@@ -107,30 +107,30 @@ def _plan(wish: Mapping[str, Any], near: Path) -> LiftPlan:
         codec,
         floors,
         float(speed),
-        _faults(name, wish.get("faults", ()), tuple(floors)),
+        _faults(name, marker.get("faults", ()), tuple(floors)),
         usual | keys,
     )
 
 
-def _floors(name: str, wish: object, codec: Codec) -> dict[str, int]:
-    if wish is None:
+def _floors(name: str, given: object, codec: Codec) -> dict[str, int]:
+    if given is None:
         try:
             return default_floors(codec.map)
         except ValueError as error:
             raise BenchError(f"{name}: {error}") from error
-    if not isinstance(wish, Mapping) or len(wish) < 2:
+    if not isinstance(given, Mapping) or len(given) < 2:
         raise BenchError(
-            f'{name}: floors must be two or more, lowest first, such as {{"L1": 1, "L2": 2}}, not {wish!r}'
+            f'{name}: floors must be two or more, lowest first, such as {{"L1": 1, "L2": 2}}, not {given!r}'
         )
-    for floor, code in wish.items():
+    for floor, code in given.items():
         if not isinstance(floor, str) or isinstance(code, bool) or not isinstance(code, int):
             raise BenchError(f'{name}: floors are names with codes, such as {{"L1": 1}}, not {{{floor!r}: {code!r}}}')
-    return dict(wish)
+    return dict(given)
 
 
-def _faults(name: str, wish: Any, floors: tuple[str, ...]) -> tuple[Fault, ...]:
-    wished = wish if isinstance(wish, list | tuple | set | frozenset) else [wish]
+def _faults(name: str, given: Any, floors: tuple[str, ...]) -> tuple[Fault, ...]:
+    listed = given if isinstance(given, list | tuple | set | frozenset) else [given]
     try:
-        return tuple(device_fault(fault, {}, floors) for fault in wished)
+        return tuple(device_fault(fault, {}, floors) for fault in listed)
     except BenchError as error:
         raise BenchError(f"{name}: {error}") from error

@@ -1,4 +1,4 @@
-"""A simulated lift and its controllers on the loop of the bench, and the handle by which a test reaches it."""
+"""A simulated lift and its controllers on the loop of the bench, and the handle for a test."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.model import FloorName
-from lift_manager.lab.bench.errors import BenchError, NeverSeen
+from lift_manager.lab.bench.errors import BenchError, ConditionNotMet
 from lift_manager.lab.bench.naming import device_fault
 from lift_manager.lab.bench.plan import LiftPlan
 from lift_manager.lab.bench.thread import LoopThread
@@ -46,7 +46,7 @@ class Write:
 
 
 class Plant:
-    """One lift on the loop of the bench: everything here is called on that loop."""
+    """One lift on the loop of the bench; call its methods on that loop."""
 
     def __init__(self, plan: LiftPlan) -> None:
         """Raises BenchError for floors that the map cannot express."""
@@ -127,15 +127,15 @@ class Plant:
             raise BenchError(f"{self.name}: no floor {floor!r}; there is {', '.join(self.floors)}")
         button = self.floors.index(floor)
 
-        def let_go() -> None:
+        def release() -> None:
             self.people(**{kind: getattr(self._inputs, kind) - {button}})
 
         self.people(**{kind: getattr(self._inputs, kind) | {button}})
         held_s = _FINGER_SCANS * self.face.parameters.scan_s
-        self._fingers.append(asyncio.get_running_loop().call_later(held_s, let_go))
+        self._fingers.append(asyncio.get_running_loop().call_later(held_s, release))
 
-    async def reached(self, condition: TruthCondition, within_s: float) -> Truth:
-        """Return the first truth for which the condition holds. Raises NeverSeen."""
+    async def wait_for(self, condition: TruthCondition, within_s: float) -> Truth:
+        """Return the first truth that meets the condition. Raises ConditionNotMet."""
         with self.changes.listen() as changes:
             truth = self.look()
             try:
@@ -143,8 +143,8 @@ class Plant:
                     while not condition(truth):
                         truth = await changes.next()
             except TimeoutError:
-                raise NeverSeen(
-                    f"{self.name}: what was waited for did not come within {within_s:g} s; really it is {truth}"
+                raise ConditionNotMet(
+                    f"{self.name}: the condition was not met within {within_s:g} s; the lift is {truth}"
                 ) from None
         return truth
 
@@ -202,7 +202,7 @@ class _Recorded:
         return self._device.faults
 
     def watch(self, watcher: Callable[[], None]) -> None:
-        """Call this whenever one of the two has changed."""
+        """Call `watcher` whenever `on_network` or `faults` has changed."""
         self._device.watch(watcher)
 
 
@@ -210,7 +210,7 @@ class LiftSimulator:
     """A simulated lift with a Modbus/TCP controller, from any thread.
 
     Faults are values of `simulator.faults`, or names such as `"stuck_door"` and `"in_mode.fire"` with the values of their fields
-    as keywords. What a test asks for and cannot be raises BenchError.
+    as keywords. A request that cannot be carried out raises BenchError.
     """
 
     def __init__(self, plant: Plant, thread: LoopThread) -> None:
@@ -242,7 +242,7 @@ class LiftSimulator:
         """Lowest first."""
         return self._plant.floors
 
-    # -- what it really does
+    # -- what it does
 
     @property
     def truth(self) -> Truth:
@@ -270,12 +270,12 @@ class LiftSimulator:
         return self._thread.call(lambda: tuple(self._plant.writes))
 
     def wait_for(self, condition: TruthCondition, *, within_s: float = WITHIN_S) -> Truth:
-        """Return the first truth from now on that meets the condition. Raises NeverSeen, which fails the test."""
-        return self._thread.run(self._plant.reached(condition, within_s), within_s=within_s)
+        """Return the first truth from now on that meets the condition. Raises ConditionNotMet, which fails the test."""
+        return self._thread.run(self._plant.wait_for(condition, within_s), within_s=within_s)
 
     async def when(self, condition: TruthCondition, *, within_s: float = WITHIN_S) -> Truth:
         """Like `wait_for`, for an asyncio test, without blocking its loop."""
-        return await self._thread.run_async(self._plant.reached(condition, within_s))
+        return await self._thread.run_async(self._plant.wait_for(condition, within_s))
 
     # -- what goes wrong
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from drivers.model import FloorName, Outcome
 from lift_manager import app
 from lift_manager.config.load import load_site
-from lift_manager.lab.bench.errors import BenchError, NeverSeen
+from lift_manager.lab.bench.errors import BenchError, ConditionNotMet
 from lift_manager.lab.bench.log import Log, LogEntry
 from lift_manager.lab.bench.plan import LiftPlan
 from lift_manager.lab.bench.simulator import HOST, WITHIN_S, LiftSimulator, Plant
@@ -40,7 +40,7 @@ EventCondition = Callable[[Event | Refused], bool]
 
 
 class RunningSite:
-    """The manager of a test: everything here is called on the loop of the bench."""
+    """The manager of a test; call its methods on the loop of the bench."""
 
     def __init__(self, plans: Sequence[LiftPlan], wires: Wires, plants: Mapping[str, Plant], folder: Path) -> None:
         """`folder` takes the site file. Raises BenchError for an invalid site file."""
@@ -50,7 +50,7 @@ class RunningSite:
             loaded = load_site(path)
         except MapFileError as error:
             found = "\n".join(f"{finding.key}: {finding.message}" for finding in error.findings)
-            raise BenchError(f"the marker `lift` makes a site that cannot be:\n{found}") from error
+            raise BenchError(f"the marker `lift` makes an invalid site:\n{found}") from error
         self.log = Log()
         self.port = 0
         self._plants = plants
@@ -61,7 +61,7 @@ class RunningSite:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Drive the lifts and serve the API. Raises what a part of the manager raised."""
+        """Drive the lifts and serve the API. Raises the error of any part of the manager."""
         life = self._building.life
         with listen(HOST, 0) as sock, self.site.listen() as events:
             self.port = sock.getsockname()[1]
@@ -76,7 +76,7 @@ class RunningSite:
                 self._cancel()
 
     async def stop(self) -> bool:
-        """Stop like a manager on request; returns whether the release of every output was verified."""
+        """Stop the manager in order; returns whether the release of every output was verified."""
         released = False
         with suppress(TimeoutError):
             async with asyncio.timeout(app.RELEASE_WITHIN_S):
@@ -86,8 +86,8 @@ class RunningSite:
         await asyncio.wait(self._running)
         return released
 
-    async def reached(self, lift: str, condition: StateCondition, within_s: float) -> LiftState:
-        """Return the first state for which the condition holds. Raises NeverSeen."""
+    async def wait_for_state(self, lift: str, condition: StateCondition, within_s: float) -> LiftState:
+        """Return the first state that meets the condition. Raises ConditionNotMet."""
         with self.site.listen() as events:
             try:
                 async with asyncio.timeout(within_s):
@@ -96,10 +96,10 @@ class RunningSite:
                         if isinstance(event, StateChanged) and event.lift == lift and condition(event.state):
                             return event.state
             except TimeoutError:
-                raise NeverSeen(self._instead(lift, within_s)) from None
+                raise ConditionNotMet(self._timeout_text(lift, within_s)) from None
 
-    async def told(self, condition: EventCondition, within_s: float) -> LogEntry:
-        """Return the first entry of the log for which the condition holds. Raises NeverSeen."""
+    async def wait_for_entry(self, condition: EventCondition, within_s: float) -> LogEntry:
+        """Return the first entry of the log that meets the condition. Raises ConditionNotMet."""
         with self.log.news.listen() as news:
             for entry in self.log.entries:
                 if condition(entry.what):
@@ -110,8 +110,8 @@ class RunningSite:
                         pass
                     return entry
             except TimeoutError:
-                told = "; ".join(str(entry.what) for entry in self.log.entries) or "nothing"
-                raise NeverSeen(f"not told within {within_s:g} s; there was {told}") from None
+                found = "; ".join(str(entry.what) for entry in self.log.entries) or "nothing"
+                raise ConditionNotMet(f"no such event within {within_s:g} s; there was {found}") from None
 
     async def _serve(self, sock: socket) -> None:
         await serve(make_app(self.site), sock)
@@ -126,12 +126,12 @@ class RunningSite:
         for task in self._running:
             task.cancel()
 
-    def _instead(self, lift: str, within_s: float) -> str:
+    def _timeout_text(self, lift: str, within_s: float) -> str:
         lines = [
-            f"{lift}: what was waited for did not come within {within_s:g} s",
+            f"{lift}: the condition was not met within {within_s:g} s",
             f"published: {self.site.state(lift)}",
-            f"really: {self._plants[lift].look()}",
-            *(f"told: {entry.what}" for entry in self.log.entries if entry.lift == lift),
+            f"truth: {self._plants[lift].look()}",
+            *(f"event: {entry.what}" for entry in self.log.entries if entry.lift == lift),
         ]
         return "\n".join(lines)
 
@@ -170,37 +170,37 @@ class LiftSite:
         """Return the wire of one lift."""
         return self._faults.of(self._named(lift))
 
-    # -- what the manager says
+    # -- what the manager publishes
 
     def state(self, lift: str | None = None) -> LiftState:
-        """Return what the manager publishes about a lift at this moment."""
+        """Return the current published state of a lift."""
         name = self._named(lift)
         return self._thread.call(lambda: self._running.site.state(name))
 
     def wait_for(self, condition: StateCondition, *, within_s: float = WITHIN_S, lift: str | None = None) -> LiftState:
-        """Return the first state from here on for which the condition holds. Raises NeverSeen, which fails the test.
+        """Return the first state from now on that meets the condition. Raises ConditionNotMet, which fails the test.
 
-        The condition is asked whenever the state changes in more than its age, on another thread; it may not wait.
+        The condition runs on another thread whenever the state changes in more than its age; it must not wait.
         """
-        return self._thread.run(self._running.reached(self._named(lift), condition, within_s), within_s=within_s)
+        return self._thread.run(self._running.wait_for_state(self._named(lift), condition, within_s), within_s=within_s)
 
     async def when(
         self, condition: StateCondition, *, within_s: float = WITHIN_S, lift: str | None = None
     ) -> LiftState:
         """Like `wait_for`, for an asyncio test, without blocking its loop."""
-        return await self._thread.run_async(self._running.reached(self._named(lift), condition, within_s))
+        return await self._thread.run_async(self._running.wait_for_state(self._named(lift), condition, within_s))
 
     def wait_for_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> LogEntry:
-        """Return the first event of this test, also a past one, for which the condition holds. Raises NeverSeen."""
-        return self._thread.run(self._running.told(condition, within_s), within_s=within_s)
+        """Return the first event of this test that meets the condition, past events included. Raises ConditionNotMet."""
+        return self._thread.run(self._running.wait_for_entry(condition, within_s), within_s=within_s)
 
     async def when_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> LogEntry:
         """Like `wait_for_event`, for an asyncio test."""
-        return await self._thread.run_async(self._running.told(condition, within_s))
+        return await self._thread.run_async(self._running.wait_for_entry(condition, within_s))
 
     @property
     def events(self) -> tuple[LogEntry, ...]:
-        """Sessions, outcomes, alarms, advice, refusals and decisions of people, oldest first."""
+        """Sessions, outcomes, alarms, advice, refusals and operator actions, oldest first."""
         return self._thread.call(lambda: tuple(self._running.log.entries))
 
     @property
@@ -220,7 +220,7 @@ class LiftSite:
 
     # -- what others do
 
-    def ask(
+    def request(
         self,
         floor: FloorName,
         *,
@@ -236,16 +236,16 @@ class LiftSite:
     @contextmanager
     def held(self, floor: FloorName, *, by: str = "another robot", lift: str | None = None) -> Iterator[None]:
         """Let another caller hold the lift within the context. Raises BenchError if it is refused."""
-        answer = self.ask(floor, by=by, lift=lift)
+        answer = self.request(floor, by=by, lift=lift)
         if isinstance(answer, Refused):
             raise BenchError(f"{by} may not hold the lift: {answer.message}")
         try:
             yield
         finally:
-            self.ask(floor, by=by, hold_door=False, robot=RobotWord.LEFT, lift=lift)
+            self.request(floor, by=by, hold_door=False, robot=RobotWord.LEFT, lift=lift)
 
     def acknowledge(self, *, by: str, lift: str | None = None) -> Acknowledged | Refused:
-        """Acknowledge as a person who has checked the lift, after a fire or with a robot that may be aboard."""
+        """Acknowledge as a person who has checked the lift: after a fire, or because a robot may be aboard."""
         name = self._named(lift)
         return self._reply(lambda: self._running.site.acknowledge(name, by))
 
@@ -276,7 +276,7 @@ class LiftSite:
         lifts = ", ".join(self.lifts)
         if lift is None:
             if len(self._simulators) > 1:
-                raise BenchError(f"there are several lifts, {lifts}; say which with lift={self.lifts[0]!r}")
+                raise BenchError(f"there are several lifts, {lifts}; name one, such as lift={self.lifts[0]!r}")
             return self.lifts[0]
         if lift not in self._simulators:
             raise BenchError(f"no lift {lift!r}; there is {lifts}")
@@ -284,9 +284,9 @@ class LiftSite:
 
 
 def site_file(plans: Sequence[LiftPlan], ports: Mapping[str, Mapping[str, int]], folder: Path) -> dict[str, Any]:
-    """Return a site file's contents: each lift on a controller of its own name, its endpoints on further ones.
+    """Return the contents of a site file: each lift on a controller of its own name, its endpoints on further ones.
 
-    Each map is laid beside it in `folder`.
+    Copies each map into `folder`.
     """
     controllers: dict[str, Any] = {}
     lifts: dict[str, Any] = {}

@@ -1,6 +1,6 @@
-"""A thread with an event loop of its own, and how a test reaches into it.
+"""A thread with an event loop of its own, for use from a test.
 
-Everything that is simulated lives on this loop, so nothing of it needs a lock, and nothing of it runs on the caller's loop.
+Everything simulated runs on this loop and never on the caller's, so it needs no locks.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class LoopThread:
         self.close()
 
     def call(self, work: Callable[[], T]) -> T:
-        """Call a function on the loop that does not wait; directly if called on the loop."""
+        """Call a function that does not wait on the loop; called on the loop itself, it runs at once."""
         if current_thread() is self._thread:
             return work()
 
@@ -57,13 +57,13 @@ class LoopThread:
         return self.run(do())
 
     def run(self, work: Coroutine[Any, Any, T], *, within_s: float = 0.0) -> T:
-        """Do something on the loop that takes `within_s` at most, and wait for it.
+        """Run a coroutine that takes at most `within_s` on the loop, and wait for it.
 
-        Raises BenchBroken where a bug has ended what ran there.
+        Raises BenchBroken if a bug has ended a context that was open there.
         """
         if current_thread() is self._thread:
             work.close()
-            raise BenchError("a condition that is waited for cannot wait itself; look at what it is given")
+            raise BenchError("a condition that is waited for cannot wait itself; use its argument")
         future = self._submit(work)
         try:
             return future.result(within_s + self._patience_s)
@@ -82,7 +82,7 @@ class LoopThread:
             raise
 
     async def run_async(self, work: Coroutine[Any, Any, T]) -> T:
-        """The same for a caller with an event loop of its own, without blocking it."""
+        """Do the same as `run` for a caller with an event loop of its own, without blocking that loop."""
         future = self._submit(work)
         waiting = asyncio.wrap_future(future)
         try:
@@ -94,7 +94,7 @@ class LoopThread:
 
     @contextmanager
     def hosting(self, context: AbstractAsyncContextManager[T]) -> Iterator[T]:
-        """Keep a context open on the loop, in a task of its own. Raises what ended it early."""
+        """Keep a context open on the loop, in a task of its own. Raises the error that ended it early."""
         entered: Future[T] = Future()
         leave = asyncio.Event()
         kept = asyncio.run_coroutine_threadsafe(self._keep(context, entered, leave), self._loop)
@@ -111,7 +111,7 @@ class LoopThread:
             kept.result(self._patience_s)
 
     def close(self) -> None:
-        """End the thread. Raises errors on it that were not raised anywhere else."""
+        """End the thread. Raises the errors on it that no caller has seen."""
         self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join(self._patience_s)
         logging.getLogger().removeHandler(self._bugs)
@@ -129,7 +129,7 @@ class LoopThread:
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         self._awaited.add(future)
         future.add_done_callback(self._awaited.discard)
-        if self._broken.is_set():  # since the question above
+        if self._broken.is_set():  # since the check above
             future.cancel()
         return future
 
@@ -150,13 +150,13 @@ class LoopThread:
     async def _main(self) -> None:
         self._ready.set_result(asyncio.get_running_loop())
         await self._end.wait()
-        left = asyncio.all_tasks() - {asyncio.current_task()}
-        if ending := {task for task in left if task.cancelling()}:
-            # its caller went away a moment ago
+        remaining = asyncio.all_tasks() - {asyncio.current_task()}
+        if ending := {task for task in remaining if task.cancelling()}:
+            # the caller has just given up
             await asyncio.wait(ending, timeout=ENDS_WITHIN_S)
-        if left := {task for task in left if not task.done()}:
-            names = ", ".join(sorted(str(task.get_coro()) for task in left))
-            self._bugs.found.append(BenchError(f"left running on the loop of the bench: {names}"))
+        if remaining := {task for task in remaining if not task.done()}:
+            names = ", ".join(sorted(str(task.get_coro()) for task in remaining))
+            self._bugs.found.append(BenchError(f"still running on the loop of the bench: {names}"))
 
     @staticmethod
     def _broken_error() -> BenchBroken:
@@ -166,7 +166,7 @@ class LoopThread:
 
 
 class _Bugs(logging.Handler):
-    """Collects the exceptions that one thread logged as errors, and so did not raise to a caller."""
+    """Collects the exceptions that one thread logged as errors instead of raising them to a caller."""
 
     def __init__(self, thread: Thread) -> None:
         super().__init__(logging.ERROR)

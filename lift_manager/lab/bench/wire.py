@@ -22,13 +22,13 @@ from simulator.wire_faults import (
 
 
 class Wires:
-    """A proxy in front of every device of every lift; every method is called on the loop of the bench."""
+    """A proxy in front of every device of every lift; call its methods on the loop of the bench."""
 
     def __init__(self, plants: Mapping[str, Plant]) -> None:
         self.faults: dict[str, tuple[WireFaults, ...]] = {}
-        """Of each lift, one for each of its devices."""
+        """By lift, one for each of its devices."""
         self.ports: dict[str, dict[str, int]] = {}
-        """Of each lift, by endpoint."""
+        """By lift and endpoint."""
         self._plants = plants
 
     @asynccontextmanager
@@ -75,7 +75,7 @@ class ModbusFaults:
         """The port in front of the controller of the one lift."""
         if len(self._lifts) != 1:
             raise BenchError(
-                f"there are {len(self._lifts)} lifts; say which: modbus_faults.of({self._lifts[0]!r}).port"
+                f"there are {len(self._lifts)} lifts; name one, such as modbus_faults.of({self._lifts[0]!r}).port"
             )
         return self._wires.ports[self._lifts[0]][""]
 
@@ -141,7 +141,7 @@ class ModbusFaults:
 
     @property
     def struck(self) -> tuple[StruckFault, ...]:
-        """The effects of all faults in order of time: the fault, the request, and the time of `time.monotonic`."""
+        """Every effect of a fault, oldest first: the fault, the request, and the time by `time.monotonic`."""
         return self._thread.call(
             lambda: tuple(sorted((one for wire in self._mine() for one in wire.strikes), key=attrgetter("at")))
         )

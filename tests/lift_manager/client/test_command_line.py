@@ -42,9 +42,9 @@ def test_changes_are_followed(lift_site: LiftSite) -> None:
     with Started() as start:
         following = start("lifts", "--follow", "--manager", lift_site.address)
         following.says(r"main: normal, at L1, door front closed, stopped")
-        lift_site.ask("L1", by="amr-9", robot=RobotWord.IN_PLACE)
+        lift_site.request("L1", by="amr-9", robot=RobotWord.IN_PLACE)
         following.says(r"main: .*held by amr-9 \(bench\)")
-        lift_site.ask("L1", by="amr-9", hold_door=False)
+        lift_site.request("L1", by="amr-9", hold_door=False)
         following.says(r"main: .*, robot amr-9 \(bench\) may be in the car")
         lift_site.lock_out(by="M. Weber", reason="new ropes")
         following.says(r"main: .*new ropes")

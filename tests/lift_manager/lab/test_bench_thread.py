@@ -117,7 +117,7 @@ def test_a_task_that_is_left_behind_is_named() -> None:
 
     with pytest.raises(ExceptionGroup) as raised:
         leave()
-    assert raised.group_contains(BenchError, match="left running on the loop of the bench: .*stray")
+    assert raised.group_contains(BenchError, match="still running on the loop of the bench: .*stray")
 
 
 def test_only_what_its_own_thread_logs_with_a_traceback_is_a_bug_of_it() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.lab.bench import Bench, BenchError, LiftSimulator, LiftSite, ModbusFaults, NeverSeen
+from lift_manager.lab.bench import Bench, BenchError, ConditionNotMet, LiftSimulator, LiftSite, ModbusFaults
 from lift_manager.lab.scenario.faults import DEVICE_FAULTS, READY, WIRE
 from lift_manager.lift.events import Acknowledged, Alarm, CommandEnded, Restriction, RestrictionEnded, SessionEnded
 from lift_manager.lift.observation import RobotDoor
@@ -84,7 +84,7 @@ def test_somebody_in_the_doorway_keeps_the_door_open(lift_simulator: LiftSimulat
     lift_simulator.block_doorway(Side.FRONT)
     lift_simulator.press_landing("L1")
     lift_simulator.wait_for(lambda truth: truth.open_at == "L1")
-    with pytest.raises(NeverSeen):
+    with pytest.raises(ConditionNotMet):
         lift_simulator.wait_for(lambda truth: truth.doors_shut, within_s=0.6)
     lift_simulator.block_doorway()
     lift_simulator.wait_for(lambda truth: truth.doors_shut)
@@ -208,9 +208,9 @@ def test_a_ride_is_seen_from_every_side(lift_site: LiftSite, lift_simulator: Lif
 
 
 def test_what_never_comes_fails_the_test_and_says_what_there_was(lift_site: LiftSite) -> None:
-    with pytest.raises(NeverSeen, match=r"lift: .* within 0\.1 s\npublished: LiftState.*\nreally: Truth\(at='L1'"):
+    with pytest.raises(ConditionNotMet, match=r"lift: .* within 0\.1 s\npublished: LiftState.*\ntruth: Truth\(at='L1'"):
         lift_site.wait_for(is_open_at("L2"), within_s=0.1)
-    with pytest.raises(NeverSeen, match=r"not told within 0\.1 s; there was nothing"):
+    with pytest.raises(ConditionNotMet, match=r"no such event within 0\.1 s; there was nothing"):
         lift_site.wait_for_event(lambda event: isinstance(event, Alarm), within_s=0.1)
 
 
@@ -234,23 +234,23 @@ def test_an_asyncio_test_goes_on_while_it_waits(lift_site: LiftSite, lift_simula
                 await client.post("/lift_request", json={"floor": "L2", "door_state": door})
                 await waiting[0]
         await asyncio.gather(*waiting)
-        with pytest.raises(NeverSeen):
+        with pytest.raises(ConditionNotMet):
             await lift_site.when(lambda state: state.floor == "L4", within_s=0.05)
 
     asyncio.run(main())
 
 
 def test_a_fire_is_latched_until_somebody_acknowledges_it(lift_site: LiftSite, lift_simulator: LiftSimulator) -> None:
-    assert isinstance(lift_site.ask("L2"), Accepted)
+    assert isinstance(lift_site.request("L2"), Accepted)
     lift_simulator.set_fire(True)
     ended = lift_site.wait_for_event(lambda event: isinstance(event, SessionEnded)).what
     assert isinstance(ended, SessionEnded)
     assert ended.reason is EndReason.FIRE
     lift_simulator.set_fire(False)
     lift_site.wait_for(lambda state: state.mode is Mode.NORMAL)
-    assert isinstance(lift_site.ask("L2"), Refused)
+    assert isinstance(lift_site.request("L2"), Refused)
     assert isinstance(lift_site.acknowledge(by="Li"), Acknowledged)
-    assert isinstance(lift_site.ask("L2"), Accepted)
+    assert isinstance(lift_site.request("L2"), Accepted)
     assert [refused.code for refused in lift_site.refusals] == ["fire_latched"]
     assert any("fire" in text for text in lift_site.alarms)
 
@@ -265,13 +265,13 @@ def test_a_lift_that_somebody_holds_is_free_again_afterwards(lift_site: LiftSite
 
 def test_a_person_locks_the_lift_out_and_in_again(lift_site: LiftSite) -> None:
     assert isinstance(lift_site.lock_out(by="Li", reason="moving house"), Restriction)
-    assert isinstance(lift_site.ask("L2"), Refused)
+    assert isinstance(lift_site.request("L2"), Refused)
     assert isinstance(lift_site.end_lockout(by="Li"), RestrictionEnded)
-    assert isinstance(lift_site.ask("L2"), Accepted)
+    assert isinstance(lift_site.request("L2"), Accepted)
 
 
 def test_a_manager_that_stops_lets_go_and_is_gone(lift_site: LiftSite, lift_simulator: LiftSimulator) -> None:
-    lift_site.ask("L2")
+    lift_site.request("L2")
     lift_site.wait_for(is_open_at("L2"))
     assert lift_simulator.truth.given
     assert lift_site.stop()
@@ -282,7 +282,7 @@ def test_a_manager_that_stops_lets_go_and_is_gone(lift_site: LiftSite, lift_simu
 
 @pytest.mark.lift("west", faults="power_loss")
 @pytest.mark.lift("east", floors={"G": 1, "top": 2})
-def test_lifts_of_one_site_have_weather_of_their_own(lift_site: LiftSite, modbus_faults: ModbusFaults) -> None:
+def test_lifts_of_one_site_have_faults_of_their_own(lift_site: LiftSite, modbus_faults: ModbusFaults) -> None:
     assert lift_site.lifts == ("west", "east")
     assert lift_site.simulator("east").floors == ("G", "top")
     lift_site.wait_for(lambda state: state.quality is Quality.OFFLINE, lift="west")
@@ -298,13 +298,13 @@ def test_lifts_of_one_site_have_weather_of_their_own(lift_site: LiftSite, modbus
 @pytest.mark.lift("west")
 @pytest.mark.lift("east")
 def test_of_several_lifts_one_must_be_named(lift_site: LiftSite, modbus_faults: ModbusFaults) -> None:
-    with pytest.raises(BenchError, match="there are several lifts, west, east; say which with lift='west'"):
+    with pytest.raises(BenchError, match="there are several lifts, west, east; name one, such as lift='west'"):
         lift_site.state()
     with pytest.raises(BenchError, match="no lift 'north'; there is west, east"):
         lift_site.state("north")
     with pytest.raises(BenchError, match="no lift 'north'; there is west, east"):
         modbus_faults.of("north")
-    with pytest.raises(BenchError, match=r"there are 2 lifts; say which: modbus_faults.of\('west'\).port"):
+    with pytest.raises(BenchError, match=r"there are 2 lifts; name one, such as modbus_faults.of\('west'\).port"):
         assert modbus_faults.port
 
 
@@ -322,7 +322,7 @@ def test_a_lift_on_two_devices_has_a_port_and_a_wire_for_each(
     lift_site: LiftSite, lift_simulator: LiftSimulator, modbus_faults: ModbusFaults
 ) -> None:
     assert set(lift_simulator.ports) == {"", "sensor"}
-    lift_site.ask("L2")
+    lift_site.request("L2")
     lift_simulator.wait_for(lambda truth: truth.at == "L2")
     lift_site.wait_for(lambda state: state.floor == "L2")
     modbus_faults.silence()
@@ -344,7 +344,7 @@ def test_nothing_is_left_of_a_bench(tmp_path: Path) -> None:
         site = bench.site()
         bench.modbus_faults().cut()
         client = socket.create_connection(("127.0.0.1", int(site.address.rpartition(":")[2])))
-        site.ask("L2")
+        site.request("L2")
     assert client.recv(1) == b""
     client.close()
     assert threading.active_count() == threads
@@ -367,7 +367,7 @@ def outcome_of(pytester: pytest.Pytester, body: str) -> tuple[dict[str, int], st
     ("marker", "words"),
     [
         ("flors={'L1': 1, 'L2': 2}", "@pytest.mark.lift has no 'flors'; did you mean `floors`?"),
-        ("controller='plc'", "@pytest.mark.lift has no 'controller'; the bench says that itself"),
+        ("controller='plc'", "@pytest.mark.lift has no 'controller'; the bench sets that itself"),
         ("'a', 'b'", "@pytest.mark.lift takes one name and then keys, not 'a', 'b'"),
         ("'a', name='b'", "@pytest.mark.lift names its lift twice: 'a' and 'b'"),
         ("name=7", "the name of a lift is text, not 7"),
@@ -385,7 +385,7 @@ def outcome_of(pytester: pytest.Pytester, body: str) -> tuple[dict[str, int], st
         ("lease_s=-1", "lifts.lift.lease_s: must be more than 0, not -1"),
     ],
 )
-def test_a_mistake_in_a_marker_is_said_in_one_sentence(pytester: pytest.Pytester, marker: str, words: str) -> None:
+def test_a_mistake_in_a_marker_is_reported_in_one_sentence(pytester: pytest.Pytester, marker: str, words: str) -> None:
     ended, said = outcome_of(pytester, f"@pytest.mark.lift({marker})\ndef test_it(lift_site): pass\n")
     assert ended == {"errors": 1}
     # under CI pytest repeats the whole message in its summary
@@ -398,7 +398,7 @@ def test_the_lift_of_a_test_is_refused_where_there_are_two(pytester: pytest.Pyte
     body = "pytestmark = [pytest.mark.lift('a'), pytest.mark.lift('b')]\ndef test_it(lift_simulator): pass\n"
     ended, said = outcome_of(pytester, body)
     assert ended == {"errors": 1}
-    assert "this has a, b; take lift_site.simulator('a')" in said
+    assert "this one has a, b; use lift_site.simulator('a')" in said
     ended, said = outcome_of(pytester, body.replace("'b'", "'a'"))
     assert "two lifts have the name 'a'" in said
 
