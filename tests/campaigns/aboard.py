@@ -89,7 +89,7 @@ class Aboard:
         if releases and self._robots.get(lift) == request.holder:
             self.left(lift)
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Forget a robot whose boarding may not have been written down when the manager was killed, as the manager does."""
-        for lift in struck.fault.lifts if isinstance(struck.fault, ForgottenRecords) else ():
+        for lift in change.fault.lifts if isinstance(change.fault, ForgottenRecords) else ():
             self.left(lift)

@@ -87,7 +87,7 @@ def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] =
     lasts_s = hours * 3600
 
     async def main() -> None:
-        story = Story(oracle.findings, {name: judged.controllers for name, judged in oracle.judges.items()})
+        story = Story(oracle.findings, {name: judged.controllers for name, judged in oracle.lifts.items()})
         world = World(loaded, (oracle, Rules(oracle), day.played.aboard, story), seed=seed, observe_every_s=POLL_S)
         async with world.running():
             busy = [

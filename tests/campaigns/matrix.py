@@ -112,7 +112,7 @@ def device_faults() -> tuple[Fault, ...]:
 def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
     """Play one cell; where the lift has nothing that could fail like this, or never comes to this phase, it says so."""
     loaded = loaded_site(name, 900.0, 300.0, 0.0)
-    judges = oracle_of(loaded).judges
+    judges = oracle_of(loaded).lifts
     oracle = Oracle({lift: replace(judged, excuses={}) for lift, judged in judges.items()})
     watch = _Watch()
 

@@ -206,8 +206,8 @@ def play(
         settings = {LIFT: Parameters(speed=schedule.speed)}
         ours = (oracle, Rules(oracle), PressRows(oracle, disk), played.aboard)
         world = World(loaded, (*ours, *witnesses), seed=schedule.seed, settings=settings, disk=disk)
-        for weather in world.wire_faults.values():
-            weather.steady = steady
+        for faults in world.wire_faults.values():
+            faults.steady = steady
         async with world.running():
             doing = [*(act(world, LIFT, event, played) for event in schedule.events), *more(world)]
             actors = [asyncio.ensure_future(one) for one in doing]

@@ -60,13 +60,13 @@ class Recorder:
         self.recording: Recording = {
             name: [] for name in ("inputs", "replies", "states", "workshop", "events", "journal")
         }
-        self._max_age_s = {name: about.max_age_s for name, about in oracle_of(loaded).judges.items()}
+        self._max_age_s = {name: about.max_age_s for name, about in oracle_of(loaded).lifts.items()}
         self._states: dict[str, LiftState] = {}
         self._workshop: dict[str, Json] = {}
         self._ids: dict[str, str] = {}
         """Ids of sessions, commands and rides that answers have told, by the name that they have in the recording."""
         self._exchanges: dict[str, list[Exchange]] = {name: [] for name in loaded.controllers}
-        disk.on_noted.append(self._noted)
+        disk.on_recorded.append(self._on_recorded)
 
     def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         """The lift itself is not recorded: the simulator is not what is compared."""
@@ -107,10 +107,10 @@ class Recorder:
         }
         self._replied(at, said, refused)
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Write down a fault, a restart or the end."""
-        what = "begins" if struck.began else "ends"
-        match struck.fault:
+        what = "begins" if change.began else "ends"
+        match change.fault:
             case ForgottenRecords(lifts=lifts):
                 said: dict[str, Json] = {"fault": "forgotten by the restart", "lifts": list(lifts)}
             case str() as word:
@@ -118,7 +118,7 @@ class Recorder:
             case fault:
                 values = asdict(fault) if is_dataclass(fault) and not isinstance(fault, type) else {}
                 said = {"fault": fault_name(fault), "values": _plain(values)}
-        self._add("inputs", at, {"where": struck.where, "what": what, **said})
+        self._add("inputs", at, {"where": change.where, "what": what, **said})
 
     def called(self, at: float, request: Mapping[str, Json], reply: Mapping[str, Json]) -> None:
         """Write down a request over HTTP, and its reply."""
@@ -153,7 +153,7 @@ class Recorder:
             reply = {"success": False, "code": refused.code, "msg": refused.message}
         self._add("replies", at, _plain({**said, "reply": reply}))
 
-    def _noted(self, row: Row) -> None:
+    def _on_recorded(self, row: Row) -> None:
         said = {"kind": row.kind, "lift": row.lift, "caller": row.caller, "text": row.text, "data": row.data}
         self._add("journal", asyncio.get_running_loop().time(), _plain(said))
 

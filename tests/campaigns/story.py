@@ -67,11 +67,11 @@ class Story:
         else:
             self._change(at, lift, f"refuses {holder}", f"{word}{refused.code}")
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Note a fault of the lift or of its wires, or of everything."""
         for lift, controllers in self._controllers.items():
-            if struck.where in (lift, *controllers) or struck.where not in self._places:
-                self._note(at, lift, f"fault {struck.fault} {'begins' if struck.began else 'ends'}")
+            if change.where in (lift, *controllers) or change.where not in self._places:
+                self._note(at, lift, f"fault {change.fault} {'begins' if change.began else 'ends'}")
 
     def _change(self, at: float, lift: str, what: str, value: object) -> None:
         if self._last.get((lift, what)) != value:

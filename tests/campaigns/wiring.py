@@ -95,8 +95,8 @@ class Seen:
     def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
         """Nothing about the wire is looked at here."""
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
-        """Nothing is struck here."""
+    def on_fault(self, at: float, change: FaultChange) -> None:
+        """Faults have no effect here."""
 
     def on_request(self, at: float, request: FloorRequest, refused: object) -> None:
         """Nothing about requests is looked at here."""

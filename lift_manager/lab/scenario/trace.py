@@ -136,15 +136,15 @@ class Recorder:
         }
         self.note(at, request.lift, "request", fields)
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Note a fault; one on a wire is one of every lift behind it."""
-        fields = {"fault": fault_name(struck.fault), "began": struck.began}
-        if struck.where in self._lifts:
-            self.note(at, struck.where, "fault", fields)
+        fields = {"fault": fault_name(change.fault), "began": change.began}
+        if change.where in self._lifts:
+            self.note(at, change.where, "fault", fields)
             return
         for lift, known in self._lifts.items():
-            if struck.where in known.controllers:
-                self.note(at, lift, "wire", {**fields, "controller": struck.where})
+            if change.where in known.controllers:
+                self.note(at, lift, "wire", {**fields, "controller": change.where})
 
     def _changed(self, at: float, lift: str, kind: str, fields: Mapping[str, object]) -> None:
         held = self.holding(lift, kind)

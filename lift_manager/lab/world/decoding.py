@@ -45,7 +45,7 @@ class Outputs:
         """Return the cells that hold outputs, in a fixed order."""
         return tuple(cells[space][address] for space, address in self._places)
 
-    def asked(self, raw: Raw) -> Mapping[str, int]:
+    def decode(self, raw: Raw) -> Mapping[str, int]:
         """Return the commands that are present: the index of the floor for a call, 1 for others."""
         known = self._known.get(raw)
         if known is None:
@@ -61,8 +61,8 @@ class Outputs:
             cells[space, address] if bit is None else cells[space, address] >> bit & 1 for space, address, bit in places
         ]
         if spec.one_of is not None:
-            made = [index for index, value in enumerate(found) if value]
-            code = made[0] if len(made) == 1 else None
+            active = [index for index, value in enumerate(found) if value]
+            code = active[0] if len(active) == 1 else None
             return self._floor(code)
         value = found[0]
         if spec.type == "int16" and value >= _NEGATIVE:

@@ -58,11 +58,11 @@ class SimulatedDisk:
         """Keep the newest `keep` rows."""
         self.store = MemoryStore(keep)
         """What was committed."""
-        self.on_noted: list[Callable[[Row], None]] = []
-        """Called with every row as soon as the manager has noted it."""
+        self.on_recorded: list[Callable[[Row], None]] = []
+        """Called with every row as soon as the manager records it."""
         self.on_committed: list[Callable[[Sequence[Row]], None]] = []
         """Called with the rows of each commit once they are on the disk."""
-        self.on_mended: list[Callable[[], None]] = []
+        self.on_recovered: list[Callable[[], None]] = []
         """Called once when a fault has ended."""
         self._pace = pace
         self._seed = seed
@@ -76,7 +76,7 @@ class SimulatedDisk:
     @property
     def rows(self) -> list[Row]:
         """The rows that were committed."""
-        return [noted.row for noted in self.store.rows]
+        return [pending.row for pending in self.store.rows]
 
     def begin(self, fault: DiskFault) -> None:
         """Let something go wrong. Raises ValueError for a disk without a pace."""
@@ -87,9 +87,9 @@ class SimulatedDisk:
     def end(self, fault: DiskFault) -> None:
         """End one fault of this kind."""
         self._faults.remove(fault)
-        mended, self.on_mended = self.on_mended, []
-        for go_on in mended:
-            go_on()
+        callbacks, self.on_recovered = self.on_recovered, []
+        for callback in callbacks:
+            callback()
 
     @property
     def fails(self) -> bool:
@@ -123,8 +123,8 @@ class _ManagerStore:
         if self.dropped:
             return False
         do_upkeep = self._disk.store.commit(records, rows)
-        for hear in self._disk.on_committed:
-            hear([noted.row for noted in rows])
+        for callback in self._disk.on_committed:
+            callback([pending.row for pending in rows])
         return do_upkeep
 
     def tail(self, count: int) -> Sequence[PendingRow]:
@@ -144,7 +144,7 @@ class DiskJobs:
         self._disk = disk
         self._waiting: list[Callable[[], None]] = []
         """Each begins a job."""
-        self._break_off: Callable[[], None] | None = None
+        self._abort: Callable[[], None] | None = None
         """Of the job under way."""
         self._killed = False
 
@@ -155,7 +155,7 @@ class DiskJobs:
             done.cancel()
             return done
         self._waiting.append(partial(self._begin, work, done))
-        if self._break_off is None:
+        if self._abort is None:
             self._begin_next()
         return done
 
@@ -166,11 +166,11 @@ class DiskJobs:
         """Do nothing any more. What is under way has reached the disk or not."""
         self._killed = True
         self._waiting.clear()
-        if self._break_off is not None:
-            self._break_off()
+        if self._abort is not None:
+            self._abort()
 
     def _begin_next(self) -> None:
-        self._break_off = None
+        self._abort = None
         if self._waiting:
             self._waiting.pop(0)()
 
@@ -179,19 +179,19 @@ class DiskJobs:
         takes_s, luck = self._disk.draw(begun)
         timer = asyncio.get_running_loop().call_later(takes_s, self._finish, work, done)
 
-        def break_off() -> None:
+        def abort() -> None:
             timer.cancel()
             if not self._disk.fails and _now() - begun > luck * takes_s:
                 work()
             done.cancel()
 
-        self._break_off = break_off
+        self._abort = abort
 
     def _finish(self, work: Callable[[], Result], done: Future[Result]) -> None:
         if done.done():
             return  # it was broken off
         if self._disk.has(DiskFault.HANGS):
-            self._disk.on_mended.append(partial(self._finish, work, done))
+            self._disk.on_recovered.append(partial(self._finish, work, done))
             return
         if self._disk.has(DiskFault.FULL):
             done.set_exception(commit_failed(Path(_WHERE), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
@@ -240,13 +240,13 @@ class DiskRecorder:
 
     def note(self, row: Row) -> None:
         """Commit this soon."""
-        self._hear(row)
+        self._report_recorded(row)
         self._committer.note(row)
 
     def commit_now(self, row: Row) -> Future[str | None]:
         """Commit this, and answer within a bounded time."""
         if not self.trouble:
-            self._hear(row)
+            self._report_recorded(row)
         return self._committer.commit_now(row)
 
     def written(self, lift: str) -> Future[None] | None:
@@ -261,10 +261,10 @@ class DiskRecorder:
         """Return once everything so far is committed."""
         await self._committer.settled()
 
-    def _hear(self, row: Row) -> None:
+    def _report_recorded(self, row: Row) -> None:
         if not self._killed:
-            for hear in self._disk.on_noted:
-                hear(row)
+            for callback in self._disk.on_recorded:
+                callback(row)
 
 
 def _now() -> float:

@@ -179,10 +179,10 @@ class Oracle:
         """How many published states were compared."""
         self.invitations = 0
         """How many of them had an open door."""
-        self.judges = lifts
+        self.lifts = lifts
         """The facts about each lift."""
         self._lifts = {name: _WatchedLift(about) for name, about in lifts.items()}
-        self._lines = {controller: _WireHealth() for about in lifts.values() for controller in about.controllers}
+        self._wires = {controller: _WireHealth() for about in lifts.values() for controller in about.controllers}
 
     # -- Witness
 
@@ -195,7 +195,7 @@ class Oracle:
         cut_off = self._is_cut_off(watched, at)
         if disobeyed or cut_off:
             watched.clean_since = at
-        if disobeyed or cut_off or any(self._lines[name].fails for name in watched.about.controllers):
+        if disobeyed or cut_off or any(self._wires[name].fails for name in watched.about.controllers):
             watched.lost_s += max(0.0, at - watched.looked_at)
         watched.looked_at = at
         if watched.on_since:
@@ -253,7 +253,7 @@ class Oracle:
         request = parse_request(exchange.request, timed_coils=True)
         read = (controller, request.unit, request.table, request.address, request.count)
         self._track_wire(
-            self._lines[controller],
+            self._wires[controller],
             controller,
             at,
             arrives - exchange.sent_at,
@@ -299,18 +299,18 @@ class Oracle:
             watched.in_place_at[holder] = at
         watched.requests[holder] = request, before if last.floor == request.floor else last
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Know what cannot be detected, and how soon the rest must be."""
         for lift, watched in self._lifts.items():
-            if struck.fault == RESTART:
+            if change.fault == RESTART:
                 watched.unrequested.clear()  # nobody was there who could release anything
-            if struck.where not in (lift, *watched.about.controllers):
+            if change.where not in (lift, *watched.about.controllers):
                 continue
             watched.clean_since = at
-            watched.troubles += 1 if struck.began else -1
+            watched.troubles += 1 if change.began else -1
             watched.troubled_until = at + MODE_ENDS_WITHIN_S
-            if struck.where == lift:
-                self._is_faulty(watched, struck, at)
+            if change.where == lift:
+                self._track_fault(watched, change, at)
 
     def is_clean(self, lift: str, at: float, for_s: float) -> bool:
         """Whether everything that was asked of this lift was answered rightly and obeyed for so long."""
@@ -359,19 +359,19 @@ class Oracle:
             watched.unrequested.pop(output, None)
             watched.stuck.pop(output[0], None)
 
-    def _is_faulty(self, watched: _WatchedLift, struck: FaultChange, at: float) -> None:
-        name = fault_name(struck.fault)
+    def _track_fault(self, watched: _WatchedLift, change: FaultChange, at: float) -> None:
+        name = fault_name(change.fault)
         excuse = watched.about.excuses.get(name)
-        command = struck.fault.command if isinstance(struck.fault, ForeignWriter) else ""
+        command = change.fault.command if isinstance(change.fault, ForeignWriter) else ""
         if command:
-            watched.foreign[command] = math.inf if struck.began else at + FOREIGN_CLEARED_S
+            watched.foreign[command] = math.inf if change.began else at + FOREIGN_CLEARED_S
         if excuse is None:
             return
         # one that goes on is known for as long as it does, even when it excuses nothing more
         watched.faults = [
             one for one in watched.faults if math.isinf(one.ended_at) or at - max(one.until, one.ended_at) <= HISTORY_S
         ]
-        if struck.began:
+        if change.began:
             until = math.inf if excuse.within_s is None else at + excuse.within_s
             watched.faults.append(_Fault(name, excuse.kinds, at, until, command))
             return
@@ -386,7 +386,7 @@ class Oracle:
 
     def _track_wire(
         self,
-        line: _WireHealth,
+        wire: _WireHealth,
         controller: str,
         at: float,
         took_s: float,
@@ -395,12 +395,12 @@ class Oracle:
         usable: bool,
         writes: bool,
     ) -> None:
-        timeout_s = min(about.timeout_s.get(controller, math.inf) for about in self.judges.values())
-        line.fails = not usable or took_s > timeout_s
-        if writes and (line.fails or exchange.faults):
-            line.failed_writes += 1
-        if not line.fails and (took_s >= line.slow_s or at - line.slow_at > SLOW_FOR_S):
-            line.slow_s, line.slow_at = took_s, at
+        timeout_s = min(about.timeout_s.get(controller, math.inf) for about in self.lifts.values())
+        wire.fails = not usable or took_s > timeout_s
+        if writes and (wire.fails or exchange.faults):
+            wire.failed_writes += 1
+        if not wire.fails and (took_s >= wire.slow_s or at - wire.slow_at > SLOW_FOR_S):
+            wire.slow_s, wire.slow_at = took_s, at
 
     @staticmethod
     def _is_cut_off(watched: _WatchedLift, at: float) -> bool:
@@ -448,14 +448,14 @@ class Oracle:
         oldest = at - watched.about.max_age_s - ROUNDING_S
         return all(
             any(
-                arrives <= at + ROUNDING_S and asked >= oldest
-                for arrives, asked in reversed(watched.newest.get(read, ()))
+                arrives <= at + ROUNDING_S and requested >= oldest
+                for arrives, requested in reversed(watched.newest.get(read, ()))
             )
             for read in watched.about.blocks
         )
 
     def _check_outputs(self, at: float, lift: str, watched: _WatchedLift, truth: Truth) -> None:
-        failed_writes = sum(self._lines[name].failed_writes for name in watched.about.controllers)
+        failed_writes = sum(self._wires[name].failed_writes for name in watched.about.controllers)
         for output in tuple(watched.on_since):
             name, floor = output
             if name in watched.about.fleeting:
@@ -490,7 +490,7 @@ class Oracle:
 
         Robot mode is not dropped under way, and that a robot left is told for as long as it takes.
         """
-        slow_s = max(self._lines[controller].slow_s for controller in watched.about.controllers)
+        slow_s = max(self._wires[controller].slow_s for controller in watched.about.controllers)
         if name == "robot_left" or (name == "robot_mode" and not truth.standing):
             return MODE_ENDS_WITHIN_S + watched.about.arrive_within_s
         least_s = MODE_ENDS_WITHIN_S if name == "robot_mode" else RELEASES_WITHIN_S
@@ -521,8 +521,10 @@ class Oracle:
         if requests is None:
             # it was requested over a face of which the judge learns nothing
             return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
-        owed = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(state.holder, -math.inf)
-        return is_output_requested(about, name, floor, truth, requests, on_s=on_s, is_report_due=owed)
+        report_due = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(
+            state.holder, -math.inf
+        )
+        return is_output_requested(about, name, floor, truth, requests, on_s=on_s, report_due=report_due)
 
     def _check_confirmation(self, lift: str, watched: _WatchedLift, at: float, claim: _Confirmation) -> None:
         claimed_at, pressed_at, outcome = claim

@@ -33,13 +33,12 @@ class PressRows:
         """Lifts and commands with a row on the disk that no press was seen of yet."""
         self._pressed: set[tuple[str, str]] = set()
         """Those that were pressed with a row and not released since."""
-        disk.on_noted.append(self._noted)
-        disk.on_committed.append(self._committed)
+        disk.on_recorded.append(self._on_recorded)
+        disk.on_committed.append(self._on_committed)
 
     def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether there is a row for each; a hold that the controller dropped may be pressed again with its old one."""
-        book = self._oracle.judges[lift]
-        for name in sorted(commands - book.repeated):
+        for name in sorted(commands - self._oracle.lifts[lift].repeated):
             key = (lift, name)
             if key not in self._fresh and (name in SESSION_COMMANDS or key not in self._pressed):
                 text = f"{name} is pressed, and no row of it is on the disk"
@@ -66,12 +65,12 @@ class PressRows:
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Nothing about requests is judged here."""
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Nothing excuses a press without its row but what the oracle knows of."""
 
-    def _noted(self, row: Row) -> None:
+    def _on_recorded(self, row: Row) -> None:
         if row.kind is RowKind.WRITE and row.data.get("what") == StepKind.RELEASE:
             self._pressed.discard((row.lift, str(row.data["command"])))
 
-    def _committed(self, rows: Sequence[Row]) -> None:
+    def _on_committed(self, rows: Sequence[Row]) -> None:
         self._fresh |= {(row.lift, str(row.data["command"])) for row in rows if row.kind is RowKind.PRESS}

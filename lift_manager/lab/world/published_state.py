@@ -42,15 +42,15 @@ def false_claims(state: LiftState, shows: MapEvidence, truths: Sequence[Truth]) 
         yield "said another door", f"closed for robots, and the doors were {dict(now.doors)}", SuspectValues.SHOWN
 
 
-def may_report_mode(said: Mode, mode: Mode, shows: MapEvidence) -> bool:
+def may_report_mode(published: Mode, mode: Mode, shows: MapEvidence) -> bool:
     """Whether a mode may be published for a lift in `mode`. Unknown is no claim; a mode without a signal looks like normal."""
-    if said is Mode.UNKNOWN:
+    if published is Mode.UNKNOWN:
         return True
     if mode in MODES_WITHOUT_ROBOTS:
-        return said is mode or (mode not in shows.modes and said in (Mode.NORMAL, Mode.ROBOT))
+        return published is mode or (mode not in shows.modes and published in (Mode.NORMAL, Mode.ROBOT))
     if mode is Mode.ROBOT and not shows.robot_mode:
-        return said in (Mode.NORMAL, Mode.ROBOT)
-    return said is mode
+        return published in (Mode.NORMAL, Mode.ROBOT)
+    return published is mode
 
 
 def _may_stand(truth: Truth, shows: MapEvidence) -> bool:
@@ -76,18 +76,18 @@ def _door(truth: Truth, side: Side) -> Door | None:
     return next((word for one, word in truth.doors if one is side), None)
 
 
-def _is_door_true(said: Door, doors: set[Door | None], shows: MapEvidence) -> bool:
+def _is_door_true(published: Door, doors: set[Door | None], shows: MapEvidence) -> bool:
     """Whether a door was in this state, or at both of its ends, and so between them as well."""
-    if any(_may_report_door(said, door, shows) for door in doors):
+    if any(_may_report_door(published, door, shows) for door in doors):
         return True
-    return said not in (Door.OPEN, Door.CLOSED) and {Door.OPEN, Door.CLOSED} <= doors
+    return published not in (Door.OPEN, Door.CLOSED) and {Door.OPEN, Door.CLOSED} <= doors
 
 
-def _may_report_door(said: Door, door: Door | None, shows: MapEvidence) -> bool:
+def _may_report_door(published: Door, door: Door | None, shows: MapEvidence) -> bool:
     """Whether this may be published for a door; nobody acts on its direction between the ends."""
-    if door is None or said in (Door.FAULT, Door.UNKNOWN):
+    if door is None or published in (Door.FAULT, Door.UNKNOWN):
         return True
-    if said is Door.OPEN:
+    if published is Door.OPEN:
         return door is Door.OPEN
     match shows.door_by:
         case DoorEvidence.OPEN_LIMITS:
@@ -95,7 +95,7 @@ def _may_report_door(said: Door, door: Door | None, shows: MapEvidence) -> bool:
         case DoorEvidence.OPEN_CONTACT:
             return door is not Door.OPEN
         case DoorEvidence.BOTH_ENDS:
-            return door is Door.CLOSED if said is Door.CLOSED else door not in (Door.OPEN, Door.CLOSED)
+            return door is Door.CLOSED if published is Door.CLOSED else door not in (Door.OPEN, Door.CLOSED)
 
 
 def _may_be_closed(truth: Truth, shows: MapEvidence) -> bool:

@@ -19,11 +19,11 @@ def is_output_requested(
     requests: tuple[FloorRequest, FloorRequest],
     *,
     on_s: float,
-    is_report_due: bool,
+    report_due: bool,
 ) -> bool:
     """Whether the last request of the holder needs this output, which has been on for `on_s`.
 
-    `floor` is the index of the floor of a call; `requests` are the last one and the last one for another floor. `is_report_due` means
+    `floor` is the index of the floor of a call; `requests` are the last one and the last one for another floor. `report_due` means
     that the robot is inside, and that the lift has not received this yet.
     """
     last, before = requests
@@ -32,13 +32,13 @@ def is_output_requested(
     match kind:
         case "hold_door":
             # behind closed doors a hold does no harm; for a robot inside, an active hold may stay
-            wants = last.hold_door or last.robot is RobotWord.IN_PLACE
-            return wants and (at_stop or truth.at is None) and on_s <= about.max_session_hold_s
+            needs_hold = last.hold_door or last.robot is RobotWord.IN_PLACE
+            return needs_hold and (at_stop or truth.at is None) and on_s <= about.max_session_hold_s
         case "close_door":
             return not (last.hold_door and at_stop) and on_s <= CLOSES_WITHIN_S
         case "go_to" | "call" | "go":
             # the call that brought the car stays until the lift knows that the robot is inside, however long that takes
-            stays = about.handshake and (is_report_due or about.floors[floor] == before.floor)
+            stays = about.handshake and (report_due or about.floors[floor] == before.floor)
             return about.floors[floor] == last.floor or stays
         case _:
             return True

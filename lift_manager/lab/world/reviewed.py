@@ -34,7 +34,7 @@ _GENERIC: Mapping[str, frozenset[Proof]] = {
     "close_door": _EFFECT,
     "robot_mode": _EFFECT,
 }
-_WORDS: Mapping[str, frozenset[Proof]] = {
+_HANDSHAKE: Mapping[str, frozenset[Proof]] = {
     "call": _EFFECT,
     "go": _EFFECT,
     "robot_in_place": _READBACK,
@@ -135,7 +135,7 @@ REVIEWED: Mapping[str, Row] = {
             direction=False,
             door_by=DoorEvidence.OPEN_CONTACT,
             permits=True,
-            proofs=_WORDS,
+            proofs=_HANDSHAKE,
         ),
     ),
     "seer-siemens-chengdu-block": Row(
@@ -146,7 +146,7 @@ REVIEWED: Mapping[str, Row] = {
             direction=False,
             door_by=DoorEvidence.OPEN_CONTACT,
             permits=True,
-            proofs=_WORDS,
+            proofs=_HANDSHAKE,
         ),
     ),
     "two-stop-agv": Row(

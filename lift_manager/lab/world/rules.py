@@ -67,7 +67,7 @@ HOLD_FAULTS = frozenset({"frozen_registers", "stopped", "ignored_writes", "ignor
 LOST_PRESS = "lost_press"
 
 _CALLS = ("go_to", "call", "go")
-_WORDS = frozenset({"robot_left", "robot_in_place"})
+_HANDSHAKE = frozenset({"robot_left", "robot_in_place"})
 """Reports that the lift may still get after a session."""
 
 
@@ -134,7 +134,7 @@ class Rules:
 
     def __init__(self, oracle: Oracle) -> None:
         self._oracle = oracle
-        self._notes: Mapping[str, _LiftNotes] = {name: _LiftNotes(about) for name, about in oracle.judges.items()}
+        self._notes: Mapping[str, _LiftNotes] = {name: _LiftNotes(about) for name, about in oracle.lifts.items()}
 
     def on_truth(self, at: float, lift: str, truth: Truth) -> None:
         """Check that robot mode is not dropped under way, and that no lift is given to a second holder."""
@@ -158,7 +158,7 @@ class Rules:
     def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """Check all conditions of a press except the mode."""
         notes = self._notes[lift]
-        notes.pressed_something |= bool(commands - _WORDS)
+        notes.pressed_something |= bool(commands - _HANDSHAKE)
         names = ", ".join(sorted(commands))
         if at > notes.fire_since + KNOWN_WITHIN_S:
             self._oracle.report(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it")
@@ -166,7 +166,7 @@ class Rules:
             self._oracle.report(at, lift, "pressed in a lockout", names)
         # a lift that is still in robot mode is none for people, and what keeps it so under way may be pressed again
         kept = {"robot_mode"} if at - notes.robot_mode_at < MODE_ENDED_S else set()
-        if at < notes.rests_until and commands - _WORDS - kept:
+        if at < notes.rests_until and commands - _HANDSHAKE - kept:
             text = f"{names}, {notes.rests_until - at:.1f} s before people have had their turn"
             self._oracle.report(at, lift, "pressed in people's turn", text)
         # that a robot left is a person's word as well
@@ -195,7 +195,7 @@ class Rules:
             since = at - (state.age_s or 0.0)
             notes.invited_at, notes.invited = at, (state.holder, state.floor)
             if notes.about.holds:
-                self._is_held(at, lift, notes, state.holder, since)
+                self._check_hold(at, lift, notes, state.holder, since)
             if notes.about.shows.robot_mode and notes.robot_mode_at < since - KNOWN_WITHIN_S:
                 blinded = self._oracle.was_misled(lift, since - KNOWN_WITHIN_S, FROZEN_FAULTS)
                 if blinded is None:
@@ -258,14 +258,14 @@ class Rules:
             index = notes.index(floor)
             notes.standing_calls = {call: since for call, since in notes.standing_calls.items() if call[1] == index}
         truth = notes.truth
-        told_by_doors = notes.about.shows.floor_by is FloorEvidence.DOOR
-        here = None if truth is None else truth.open_at if told_by_doors else truth.at
+        shown_by_doors = notes.about.shows.floor_by is FloorEvidence.DOOR
+        here = None if truth is None else truth.open_at if shown_by_doors else truth.at
         # a session that stays wants the lift also without its door
         releases = not (request.hold_door or request.stays) and truth is not None and here in (floor, None)
         # where the manager does not see the car at this floor it is a call; a robot inside releases nothing
         state = notes.state
-        said_elsewhere = state is not None and state.quality is Quality.LIVE and state.floor not in (floor, None)
-        is_call = not releases or (truth is not None and here is None) or said_elsewhere
+        published_elsewhere = state is not None and state.quality is Quality.LIVE and state.floor not in (floor, None)
+        is_call = not releases or (truth is not None and here is None) or published_elsewhere
         if notes.requested_since is not None and (is_call or request.robot is RobotWord.IN_PLACE):
             notes.requested_since.setdefault(holder, set()).add(floor)
         if releases or request.robot is not None:
@@ -274,18 +274,18 @@ class Rules:
             # what a person did in this very instant may not be known yet
             notes.undecided.append((at, holder, notes.session))
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Forget what a manager that is killed forgets; what people said is not among it."""
-        for notes in self._notes.values() if struck.fault == STOP else ():
+        for notes in self._notes.values() if change.fault == STOP else ():
             notes.stopping = True
-        for lift in struck.fault.lifts if isinstance(struck.fault, ForgottenRecords) else ():
+        for lift in change.fault.lifts if isinstance(change.fault, ForgottenRecords) else ():
             self._notes[lift].fire_since = self._notes[lift].locked_since = math.inf
-        if isinstance(struck.fault, PowerLoss) and struck.began and not struck.fault.outputs_held:
+        if isinstance(change.fault, PowerLoss) and change.began and not change.fault.outputs_held:
             # our outputs are gone, and nobody but the lift knows that it has taken a call from them
             for lift, notes in self._notes.items():
-                if struck.where in (lift, *notes.about.controllers):
+                if change.where in (lift, *notes.about.controllers):
                     notes.standing_calls.clear()
-        if struck.fault == RESTART:
+        if change.fault == RESTART:
             for notes in self._notes.values():
                 # the session may go on, and is told then
                 notes.session, notes.floor, notes.restarted_at, notes.requested_since = None, None, at, {}
@@ -311,7 +311,7 @@ class Rules:
             Finding(at, lift, rule, text, SuspectValues.OUTPUT), only=FOREIGN_WRITE_FAULTS, about=name
         )
 
-    def _is_held(self, at: float, lift: str, notes: _LiftNotes, holder: Holder, since: float) -> None:
+    def _check_hold(self, at: float, lift: str, notes: _LiftNotes, holder: Holder, since: float) -> None:
         """See whether the door drive is held for the robot that is invited, and was when the door was read, at `since`."""
         truth = notes.truth
         if truth is not None and truth.mode in MODES_WITHOUT_ROBOTS - notes.about.shows.modes:

@@ -1,4 +1,4 @@
-"""A wire without a network, with weather on it."""
+"""A wire without a network, with faults."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from simulator.wire_faults import ConnectOutcome, WireFaults, faulty
 class FaultyWire(MemoryWire):
     """The wire to one simulated controller; nobody is let in while it is off."""
 
-    def __init__(self, controller: MemoryController, weather: WireFaults, *, peer: str) -> None:
+    def __init__(self, controller: MemoryController, faults: WireFaults, *, peer: str) -> None:
         self._controller = controller
-        self._far = faulty(controller.answer, weather, asyncio.get_running_loop().time)
+        self._far = faulty(controller.answer, faults, asyncio.get_running_loop().time)
         super().__init__(self._far, admit=self._admitted, peer=peer)
 
     def close(self) -> None:

@@ -71,5 +71,5 @@ class Witness(Protocol):
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """A request to the manager, and its refusal; None if it was accepted."""
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """A fault began or ended."""

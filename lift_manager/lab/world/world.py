@@ -98,7 +98,7 @@ class SimulatedLift:
             and self._cached_truth[1] == (raw, held_by_program)
         ):
             return self._cached_truth[2]
-        given = {**held_by_program, **self.outputs.asked(raw)}
+        given = {**held_by_program, **self.outputs.decode(raw)}
         if any(given.get(name) != value for name, value in face.commands.items()):
             raise WorldError(f"{self.name} obeys {dict(face.commands)}, and its registers ask for {dict(given)}")
         truth = truth_of(face, self.floors, given)
@@ -192,33 +192,33 @@ class World:
         """Let something go wrong with a lift or its controller."""
         self.lifts[lift].face.begin(fault, _now())
         self._switch(lift, fault, on=False)
-        self._struck(FaultChange(lift, fault, began=True), (lift,))
+        self._report_fault(FaultChange(lift, fault, began=True), (lift,))
 
     def end(self, lift: str, fault: Fault) -> None:
         """End a fault of a lift or its controller."""
         self.lifts[lift].face.end(fault, _now())
         self._switch(lift, fault, on=True)
-        self._struck(FaultChange(lift, fault, began=False), (lift,))
+        self._report_fault(FaultChange(lift, fault, began=False), (lift,))
 
     def begin_wire_fault(self, controller: str, fault: WireFault) -> None:
         """Put a fault on the wire to a controller."""
         self.wire_faults[controller].add(fault)
-        self._struck(FaultChange(controller, fault, began=True), ())
+        self._report_fault(FaultChange(controller, fault, began=True), ())
 
     def end_wire_fault(self, controller: str, fault: WireFault) -> None:
         """Remove a fault from the wire to a controller."""
         self.wire_faults[controller].remove(fault)
-        self._struck(FaultChange(controller, fault, began=False), ())
+        self._report_fault(FaultChange(controller, fault, began=False), ())
 
     def begin_disk_fault(self, fault: DiskFault) -> None:
         """Let the disk fail."""
         self.disk.begin(fault)
-        self._struck(FaultChange("disk", fault, began=True), ())
+        self._report_fault(FaultChange("disk", fault, began=True), ())
 
     def end_disk_fault(self, fault: DiskFault) -> None:
         """End a fault of the disk."""
         self.disk.end(fault)
-        self._struck(FaultChange("disk", fault, began=False), ())
+        self._report_fault(FaultChange("disk", fault, began=False), ())
 
     def set_inputs(self, lift: str, inputs: Inputs) -> None:
         """Change what people press, hold and turn."""
@@ -249,7 +249,7 @@ class World:
             self._observe(self.lifts)
             try:
                 yield self
-                self._struck(FaultChange("manager", STOP, began=True), ())
+                self._report_fault(FaultChange("manager", STOP, began=True), ())
                 await self._life.clear_doors()
                 with suppress(TimeoutError):
                     async with asyncio.timeout(app.RELEASE_WITHIN_S):
@@ -270,9 +270,9 @@ class World:
         for controller in self._controllers.values():
             controller.hang_up()
         self._subscriptions.close()
-        self._struck(FaultChange("manager", RESTART, began=True), ())
+        self._report_fault(FaultChange("manager", RESTART, began=True), ())
         if forgotten := tuple(self._recorder.unwritten):
-            self._struck(FaultChange("disk", ForgottenRecords(forgotten), began=True), ())
+            self._report_fault(FaultChange("disk", ForgottenRecords(forgotten), began=True), ())
         self._recorder.drop()
         self._build()
         self._start()
@@ -354,7 +354,7 @@ class World:
         for witness in self._witnesses:
             witness.on_exchange(now, controller, exchange)
 
-    def _struck(self, change: FaultChange, lifts: Sequence[str]) -> None:
+    def _report_fault(self, change: FaultChange, lifts: Sequence[str]) -> None:
         now = _now()
         for witness in self._witnesses:
             witness.on_fault(now, change)

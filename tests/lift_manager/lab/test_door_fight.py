@@ -66,7 +66,7 @@ class Watcher(Witness):
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         pass
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         pass
 
     def on_event(self, at: float, event: Event) -> None:

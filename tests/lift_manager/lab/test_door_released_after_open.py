@@ -208,7 +208,7 @@ def test_a_manager_that_ends_withdraws_open_at_once_and_releases_the_door_three_
         assert world.released
 
     run_virtual(main)
-    ((stopped_at, _),) = [(at, struck) for at, struck in seen.faults if struck.fault == STOP]
+    ((stopped_at, _),) = [(at, change) for at, change in seen.faults if change.fault == STOP]
     held_at = max(at for at, truth in seen.truths if HOLD in truth.commands)
     assert 2.9 <= held_at - stopped_at <= 3.2
     assert all(state.robot_door is not RobotDoor.OPEN for at, state in seen.states if at > stopped_at)

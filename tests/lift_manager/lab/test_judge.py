@@ -451,14 +451,14 @@ def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -
     assert found(oracle) == []
 
 
-@pytest.mark.parametrize("said_at", [None, 3.0])
-def test_a_call_that_keeps_the_door_open_stays_until_the_lift_is_told_of_the_robot_inside(
-    said_at: float | None,
+@pytest.mark.parametrize("reported_at", [None, 3.0])
+def test_a_call_that_keeps_the_door_open_stays_until_the_lift_knows_of_the_robot_inside(
+    reported_at: float | None,
 ) -> None:
-    about = replace(judge(blocks=frozenset()).judges["lift"], handshake=True)
-    owed = said_at is not None
+    about = replace(judge(blocks=frozenset()).lifts["lift"], handshake=True)
+    report_due = reported_at is not None
     request = FloorRequest("lift", ROBOT, "L1", hold_door=True)
-    wanted = is_output_requested(
-        about, "call", 1, SHUT, (request, replace(request, floor="L3")), on_s=9.0, is_report_due=owed
+    requested = is_output_requested(
+        about, "call", 1, SHUT, (request, replace(request, floor="L3")), on_s=9.0, report_due=report_due
     )
-    assert wanted is owed
+    assert requested is report_due

@@ -60,9 +60,9 @@ def test_what_a_controller_is_asked_for_is_read_from_its_cells(name: str) -> Non
     outputs = Outputs(loaded.map, tuple(floors.values()), {})
     for space, address, value, command in VECTORS[name]:
         cells = compile_map(loaded.map).empty_image()
-        assert outputs.asked(outputs.raw(cells)) == {}
+        assert outputs.decode(outputs.raw(cells)) == {}
         cells[space][address] = value
-        assert outputs.asked(outputs.raw(cells)) == dict([command])
+        assert outputs.decode(outputs.raw(cells)) == dict([command])
 
 
 def test_two_floors_at_once_and_a_floor_that_nobody_has_ask_for_nothing() -> None:
@@ -70,11 +70,11 @@ def test_two_floors_at_once_and_a_floor_that_nobody_has_ask_for_nothing() -> Non
     outputs = Outputs(coils[0].map, tuple(coils[1].values()), {})
     cells = compile_map(coils[0].map).empty_image()
     cells["coil"][0] = cells["coil"][1] = 1
-    assert outputs.asked(outputs.raw(cells)) == {}
+    assert outputs.decode(outputs.raw(cells)) == {}
     outputs = Outputs(registers[0].map, tuple(registers[1].values()), {})
     cells = compile_map(registers[0].map).empty_image()
     cells["holding"][16] = 0xFFFF
-    assert outputs.asked(outputs.raw(cells)) == {}
+    assert outputs.decode(outputs.raw(cells)) == {}
 
 
 def test_a_lift_of_several_on_one_controller_has_its_tables_moved() -> None:
@@ -82,7 +82,7 @@ def test_a_lift_of_several_on_one_controller_has_its_tables_moved() -> None:
     outputs = Outputs(loaded.map, tuple(floors.values()), {Table.HOLDING: 100})
     cells = {"holding": [0] * 200}
     cells["holding"][117] = 1
-    assert outputs.asked(outputs.raw(cells)) == {"hold_door.front": 1}
+    assert outputs.decode(outputs.raw(cells)) == {"hold_door.front": 1}
 
 
 @each_row("name", RIDDEN)

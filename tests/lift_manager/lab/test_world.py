@@ -61,8 +61,8 @@ class Recorder:
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         self.requests.append((request, refused))
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
-        self.faults.append((at, struck))
+    def on_fault(self, at: float, change: FaultChange) -> None:
+        self.faults.append((at, change))
 
 
 def site(*lifts: str, units: bool = True) -> LoadedSite:
@@ -129,7 +129,7 @@ def test_the_truth_is_that_of_the_lift_and_not_of_its_registers() -> None:
 
     seen = in_world(check)
     assert all(truth.doors_shut for _, truth in seen.truths)
-    assert [struck for _, struck in seen.faults][:1] == [FaultChange("lift", StuckDoor(), began=True)]
+    assert [change for _, change in seen.faults][:1] == [FaultChange("lift", StuckDoor(), began=True)]
 
 
 def test_a_device_without_power_is_off_the_network_until_it_has_it_again() -> None:

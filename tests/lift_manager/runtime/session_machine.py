@@ -108,9 +108,9 @@ class Book:
             self.wanted_by, self.wanted = request.holder, set()
         self.wanted.add(request.floor)
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """A kill ends no session by itself, but what is heard of it begins anew."""
-        if struck.fault == "restart":
+        if change.fault == "restart":
             self.holder = None
 
 
@@ -151,7 +151,7 @@ class SessionMachine(RuleBasedStateMachine):
     def start(self) -> None:
         loaded = loaded_site()
         # people want doors released at once here, and sessions end in every way: how long before that OPEN is withdrawn is not asked
-        judges = oracle_of(loaded).judges.items()
+        judges = oracle_of(loaded).lifts.items()
         self.oracle = Oracle({name: replace(about, clear_s=0.0) for name, about in judges})
         self.book_of_rules = Rules(self.oracle)
         witnesses: tuple[Witness, ...] = (self.oracle, self.book_of_rules, self.book)

@@ -208,7 +208,7 @@ class Judge:
         if request.lift == self.lift:
             self.wants(at, str(request.holder), self.floors[request.floor])
 
-    def on_fault(self, at: float, struck: FaultChange) -> None:
+    def on_fault(self, at: float, change: FaultChange) -> None:
         """Excuses are given by name, see `excuse`."""
 
     # -- what the world of RMF tells
