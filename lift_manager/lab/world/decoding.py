@@ -1,7 +1,7 @@
 """Decodes the outputs of a controller from its raw cells, without the codec that driver and simulator share.
 
-An error of that codec would put a command where the simulator obeys it and no real controller does. This reads the map's text
-itself, so that the two can contradict each other.
+An error in that codec would put a command where the simulator obeys it and no real controller does. This module reads the text of
+the map itself, so that the two can contradict each other.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Outputs:
     """The outputs of one lift."""
 
     def __init__(self, source: RegisterMap, codes: Sequence[int], offset: Mapping[Table, int]) -> None:
-        """`codes` are those of the floors, lowest first; `offset` is how far the tables of the controller were moved."""
+        """`codes` are the floor codes, lowest first; `offset` is how far the site moves each table of the controller."""
         self._codes = tuple(codes)
         self._commands = [
             (name, spec, tuple(_place(source, text, offset) for text in spec.addresses))
@@ -39,7 +39,7 @@ class Outputs:
         ]
         self._places = tuple(dict.fromkeys(place[:2] for _, _, places in self._commands for place in places))
         self._known: dict[Raw, dict[str, int]] = {}
-        """What raw cells were found to ask for."""
+        """Decoded commands by raw cells."""
 
     def raw(self, cells: Cells) -> Raw:
         """Return the cells that hold outputs, in a fixed order."""
@@ -85,7 +85,7 @@ def _place(source: RegisterMap, text: str, offset: Mapping[Table, int]) -> _Plac
 
 
 def _read(source: RegisterMap, text: str) -> tuple[str, str, int, int | None]:
-    """Return endpoint, table, address on the wire and bit. The letters of a PLC are looked up as the map's author meant them."""
+    """Return endpoint, table, address on the wire and bit. The map itself resolves the letters of a PLC family."""
     endpoint = text.partition("/")[0] if "/" in text else ""
     own = source.endpoints[endpoint].addressing if endpoint else None
     addressing = own or source.addressing

@@ -1,4 +1,4 @@
-"""Simulated devices at one address, at the end of wires without a network. Time is the loop's."""
+"""Simulated devices behind one address, at the end of in-memory wires. The clock is that of the loop."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ Reply = tuple[float, bytes | None]
 
 
 class Connected(Protocol):
-    """A wire that the device can let go of."""
+    """A connection that the device can reset."""
 
     def drop(self) -> None:
         """Reset the connection."""
 
 
 class MemoryController:
-    """The devices behind one address, by unit id; frames in, answers out."""
+    """The devices behind one address, by unit id. Takes frames and returns answers."""
 
     def __init__(self, devices: Mapping[int, Device], look: Callable[[bool], None]) -> None:
-        """`look` is called after every request that was carried out, with True after a write, and before every write."""
+        """Calls `look` after every request that was carried out, with True after a write; and with False before every write."""
         self._devices = devices
         self._look = look
         self.wires: list[Connected] = []
         self.on_network = True
-        """Off, it neither answers nor lets anybody in."""
+        """While False, it neither answers nor accepts connections."""
         self.keeps_slot = False
-        """It takes a connection that went away for one that is still there."""
+        """Whether it still counts a closed connection as open, and so refuses new ones."""
 
     def switch(self, *, on: bool) -> None:
-        """Put it on the network, or take it off and reset every connection."""
+        """Connect the controller to the network, or take it off and reset every connection."""
         self.on_network = on
         if not on:
             self.hang_up()
@@ -52,7 +52,7 @@ class MemoryController:
             wire.drop()
 
     def answer(self, frame: bytes) -> list[Reply]:
-        """Carry out one request; no answer while the device is off."""
+        """Carry out one request and return the answers; none while the device is off."""
         try:
             request = frames.parse_request(frame, timed_coils=True)
         except BadRequest as refusal:
@@ -73,7 +73,7 @@ class MemoryController:
 
 
 def carry_out(device: Device, request: Request, now: float) -> bytes:
-    """Read or write, and return what the answer carries. Raises ExceptionReply, and NoReply while the device is off."""
+    """Read or write, and return the payload of the answer. Raises ExceptionReply, or NoReply while the device is off."""
     if not request.is_write:
         cells = device.read(request.table, request.address, request.count, now)
         if request.table in BIT_TABLES:

@@ -1,7 +1,7 @@
-"""A simulated disk, and what a manager keeps on it: commits take time, fail and hang. Time is the loop's.
+"""A simulated disk whose commits take time, fail and hang, and the recorder of a manager on it. The clock is that of the loop.
 
-On a virtual loop nothing waits in real time, and the time that a commit takes depends on its seed and the moment at which
-it begins alone: one commit more or less does not change how long the later ones take.
+On a virtual loop nothing waits in real time. The duration of a commit depends only on the seed and on the time at which it begins: one
+commit more or less does not change the later ones.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from lift_manager.store.outage import commit_failed
 from lift_manager.store.store import MemoryStore, PendingRow, UpkeepStep
 
 SLOT_S = 0.25
-"""Commits that begin within one slot of this length take the same time. Chosen: about as long as the commits of a busy moment."""
+"""Commits that begin within the same slot of this length take the same time. Chosen: about as long as a burst of commits."""
 
 _WHERE = "of the simulated disk"
 
@@ -35,7 +35,7 @@ Result = TypeVar("Result")
 
 @unique
 class DiskFault(StrEnum):
-    """What may be wrong with a disk; it lasts until it is ended."""
+    """What may be wrong with a disk, until the fault is ended."""
 
     FULL = "full"
     """Every commit fails."""
@@ -45,25 +45,25 @@ class DiskFault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long commits take: most of them hardly more than `least_s`, none longer than `most_s`."""
+    """How long commits take: most hardly longer than `least_s`, none longer than `most_s`."""
 
     least_s: float
     most_s: float
 
 
 class SimulatedDisk:
-    """Holds what was committed: it outlives every manager. Without a pace a commit takes no time and cannot fail."""
+    """Holds what was committed, and outlives every manager. Without a pace, commits take no time and cannot fail."""
 
     def __init__(self, pace: Pace | None = None, *, seed: int = 0, keep: int = 10_000) -> None:
         """Keep the newest `keep` rows."""
         self.store = MemoryStore(keep)
-        """What was committed."""
+        """The committed records and rows."""
         self.on_recorded: list[Callable[[Row], None]] = []
         """Called with every row as soon as the manager records it."""
         self.on_committed: list[Callable[[Sequence[Row]], None]] = []
         """Called with the rows of each commit once they are on the disk."""
         self.on_recovered: list[Callable[[], None]] = []
-        """Called once when a fault has ended."""
+        """Called once, at the end of the next fault."""
         self._pace = pace
         self._seed = seed
         self._faults: list[DiskFault] = []
@@ -79,7 +79,7 @@ class SimulatedDisk:
         return [pending.row for pending in self.store.rows]
 
     def begin(self, fault: DiskFault) -> None:
-        """Let something go wrong. Raises ValueError for a disk without a pace."""
+        """Begin a fault. Raises ValueError for a disk without a pace."""
         if self._pace is None:
             raise ValueError("a disk whose commits take no time cannot fail; give it a pace")
         self._faults.append(fault)
@@ -93,15 +93,15 @@ class SimulatedDisk:
 
     @property
     def fails(self) -> bool:
-        """Whether anything is wrong with it now."""
+        """Whether the disk has any fault now."""
         return bool(self._faults)
 
     def has(self, fault: DiskFault) -> bool:
-        """Whether this is wrong with it now."""
+        """Whether the disk has this fault now."""
         return fault in self._faults
 
     def draw(self, now: float) -> tuple[float, float]:
-        """Return how long what begins now takes, and how much of that has to pass for a manager that is killed to have done it."""
+        """Return how long a job that begins now takes, and which share of that must pass for the job to survive a kill of the manager."""
         if self._pace is None:
             return 0.0, 0.0
         chance = Random(f"{self._seed} {math.floor(now / SLOT_S)}")  # noqa: S311 - seeded so that a run can be repeated
@@ -138,18 +138,18 @@ class _ManagerStore:
 
 
 class DiskJobs:
-    """Carries out the calls of a store with the pace of a simulated disk, one after the other."""
+    """Carries out the calls of a store at the pace of a simulated disk, one after the other."""
 
     def __init__(self, disk: SimulatedDisk) -> None:
         self._disk = disk
         self._waiting: list[Callable[[], None]] = []
-        """Each begins a job."""
+        """Functions that begin the waiting jobs."""
         self._abort: Callable[[], None] | None = None
-        """Of the job under way."""
+        """Aborts the job under way."""
         self._killed = False
 
     def submit(self, work: Callable[[], Result]) -> Future[Result]:
-        """Do a job; its result is there when the disk has taken as long as it takes, and CommitFailed where it fails."""
+        """Queue a job. The future gets its result after the time that the disk takes, or CommitFailed if the disk is full."""
         done: Future[Result] = asyncio.get_running_loop().create_future()
         if self._killed:
             done.cancel()
@@ -160,10 +160,10 @@ class DiskJobs:
         return done
 
     def stop(self) -> None:
-        """End after the jobs that there are."""
+        """Do nothing: jobs that are waiting are still carried out."""
 
     def kill(self) -> None:
-        """Do nothing any more. What is under way has reached the disk or not."""
+        """Drop all waiting jobs. The job under way has reached the disk or not."""
         self._killed = True
         self._waiting.clear()
         if self._abort is not None:
@@ -189,20 +189,20 @@ class DiskJobs:
 
     def _finish(self, work: Callable[[], Result], done: Future[Result]) -> None:
         if done.done():
-            return  # it was broken off
+            return  # the job was aborted
         if self._disk.has(DiskFault.HANGS):
             self._disk.on_recovered.append(partial(self._finish, work, done))
             return
         if self._disk.has(DiskFault.FULL):
             done.set_exception(commit_failed(Path(_WHERE), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
-            done.exception()  # a manager that ends looks at it no more
+            done.exception()  # retrieved here: a manager that ends no longer does
         else:
             done.set_result(work())
         self._begin_next()
 
 
 class DiskRecorder:
-    """The Recorder of one manager on a simulated disk; another manager needs another one."""
+    """The Recorder of one manager on a simulated disk; each manager needs its own."""
 
     def __init__(self, disk: SimulatedDisk) -> None:
         self._disk = disk
@@ -219,38 +219,38 @@ class DiskRecorder:
 
     @property
     def unwritten(self) -> Mapping[str, SavedLift]:
-        """What a restart would forget, by lift."""
+        """The records that a restart would forget, by lift."""
         there, newest = self._disk.store.records, self._committer.unwritten
         return {lift: saved for lift, saved in newest.items() if saved != there.get(lift, SavedLift())}
 
     def drop(self) -> None:
-        """Write nothing any more: its manager is killed."""
+        """Stop writing: the manager is killed."""
         if self._disk.instant:
             self._store.dropped = True
         self._jobs.kill()
         self._killed = True
 
     def recall(self, lift: str) -> SavedLift | None:
-        """Return what was kept last."""
+        """Return the last record of a lift."""
         return self._committer.recall(lift)
 
     def keep(self, lift: str, saved: SavedLift) -> None:
-        """Commit this soon."""
+        """Commit a record soon."""
         self._committer.keep(lift, saved)
 
     def note(self, row: Row) -> None:
-        """Commit this soon."""
+        """Commit a row soon."""
         self._report_recorded(row)
         self._committer.note(row)
 
     def commit_now(self, row: Row) -> Future[str | None]:
-        """Commit this, and answer within a bounded time."""
+        """Commit a row now; the future has its result within a bounded time."""
         if not self.trouble:
             self._report_recorded(row)
         return self._committer.commit_now(row)
 
     def written(self, lift: str) -> Future[None] | None:
-        """Return what is done once everything kept of a lift so far is committed."""
+        """Return a future that is done once all records of a lift so far are committed."""
         return self._committer.written(lift)
 
     async def run(self, report: Callable[[str], None]) -> None:
@@ -258,7 +258,7 @@ class DiskRecorder:
         await self._committer.run(report)
 
     async def settled(self) -> None:
-        """Return once everything so far is committed."""
+        """Wait until everything so far is committed."""
         await self._committer.settled()
 
     def _report_recorded(self, row: Row) -> None:

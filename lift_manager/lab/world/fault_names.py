@@ -12,7 +12,7 @@ _WORD = re.compile(r"(?<!^)(?=[A-Z])")
 
 
 def fault_name(fault: object) -> str:
-    """Return the name of a fault: `frozen_registers`, or `in_mode.fire` where one value makes another fault of it."""
+    """Return the name of a fault, such as `frozen_registers`; with a value that makes it a fault of its own, such as `in_mode.fire`."""
     name = kind_name(type(fault))
     match fault:
         case faults.InMode(mode=mode):
@@ -26,12 +26,12 @@ def fault_name(fault: object) -> str:
 
 
 def kind_name(kind: type) -> str:
-    """Return the name of a kind of fault, whatever its values: `in_mode`."""
+    """Return the name of a kind of fault without its values, such as `in_mode`."""
     return _WORD.sub("_", kind.__name__).lower()
 
 
 def every_device_fault() -> tuple[Fault, ...]:
-    """Return one of every fault that a device can have, in the order of `detections`; those of one command are about doors."""
+    """Return one of every device fault that needs no values, in the order of `detections`."""
     machine: tuple[Fault, ...] = (
         faults.StuckDoor(),
         faults.ReopeningDoor(),

@@ -15,7 +15,7 @@ PolledBlock = tuple[str, int, Table, int, int]
 MODES_WITHOUT_ROBOTS = frozenset(
     {Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.ATTENDANT, Mode.OUT_OF_SERVICE, Mode.UNKNOWN}
 )
-"""Modes in which nothing is pressed and no robot is invited. The list of the judge, independent of that of the product."""
+"""Modes in which nothing is pressed and no robot is invited. A list of the judge, independent of the product's."""
 
 
 @unique
@@ -25,7 +25,7 @@ class SuspectValues(StrEnum):
     OPEN = "open"
     """A door is published as open for a robot, and is not."""
     MODE = "mode"
-    """A mode is not published, or a robot is invited or something pressed in a mode without robots."""
+    """A mode is not published, or a robot is invited or a command pressed in a mode without robots."""
     EFFECT = "effect"
     """A command counts as confirmed, and had no effect."""
     OUTPUT = "output"
@@ -43,7 +43,7 @@ class FloorEvidence(StrEnum):
     CODE = "code"
     """A number that stays at the last floor passed."""
     SWITCH = "switch"
-    """A contact per floor, made in its door zone only."""
+    """A contact per floor, closed only in its door zone."""
     DOOR = "door"
     """The limit of an open door."""
 
@@ -55,9 +55,9 @@ class DoorEvidence(StrEnum):
     BOTH_ENDS = "both ends"
     """Two limits, or a value for each end."""
     OPEN_CONTACT = "open contact"
-    """One contact: not open may mean anything else."""
+    """One contact: a door that is not open may be in any other state."""
     OPEN_LIMITS = "open limits"
-    """One contact per floor, made where the car stands level with its door open."""
+    """One contact per floor, closed where the car stands level with its door open."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +69,7 @@ class MapEvidence:
     modes: frozenset[Mode] = MODES_WITHOUT_ROBOTS - {Mode.ATTENDANT, Mode.UNKNOWN}
     """Modes without robots that a signal shows."""
     beats_within_s: float | None = None
-    """Time within which a heartbeat must change; None if frozen registers look like a lift that stands still."""
+    """Time within which a heartbeat must change; None without one: frozen registers then look like a standing lift."""
     motion: bool = True
     """Whether a signal shows at once that the car moves or has left the level of its floor."""
     direction: bool = True
@@ -81,7 +81,7 @@ class MapEvidence:
     permits: bool = False
     """Whether a signal of a handshake shows that a robot may enter or leave."""
     bars: frozenset[str] = frozenset()
-    """Flags by which it keeps robots off: `robots_allowed`, `watchdog_tripped`."""
+    """Flags with which the lift keeps robots off: `robots_allowed`, `watchdog_tripped`."""
     proofs: Mapping[str, frozenset[Proof]] = field(default_factory=dict)
     """Valid evidence of each command, by name without its side; any evidence is valid for other commands."""
 
@@ -92,7 +92,7 @@ class Excuse:
 
     kinds: frozenset[SuspectValues]
     within_s: float | None
-    """From its beginning; None for as long as it lasts."""
+    """For how long after the fault began; None for as long as it lasts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,11 +121,11 @@ class LiftUnderTest:
     arrive_within_s: float
     shows: MapEvidence = field(default_factory=MapEvidence)
     max_age_s: float = 1.0
-    """That of the site, if it differs from the map."""
+    """The value of the site, or else of the map."""
     timeout_s: Mapping[str, float] = field(default_factory=dict)
-    """After which a reply of a controller counts as missing."""
+    """Time after which a reply counts as missing, by controller."""
     excuses: Mapping[str, Excuse] = field(default_factory=dict)
-    """By the name of a fault; findings are not excused without one."""
+    """By the name of the fault; a fault without an entry excuses nothing."""
     blocks: frozenset[PolledBlock] = frozenset()
     """The blocks of a poll; a state is as old as the oldest of them."""
     poll_s: float = 0.2
@@ -133,12 +133,12 @@ class LiftUnderTest:
     holds: frozenset[str] = frozenset()
     """Door holds that the map has, for every door of every floor."""
     pulses_s: Mapping[str, float] = field(default_factory=dict)
-    """How long each output is on that ends with our second write."""
+    """How long each output stays on that our second write ends."""
     handshake: bool = False
-    """Whether the car continues only after a report that the robot is inside."""
+    """Whether the car departs only after a report that the robot is inside."""
     repeated: frozenset[str] = frozenset()
     """Commands that the map itself repeats."""
     fleeting: frozenset[str] = frozenset()
     """Commands that the device ends by itself."""
     clear_s: float = 0.0
-    """How long before a release of ours an invitation is withdrawn; 0 for any time before it."""
+    """How long before our release an invitation must be withdrawn; 0 for no minimum."""

@@ -1,7 +1,7 @@
 """The judge: compares what the manager publishes and does with what the simulated lifts really do.
 
-It reads the physics of the simulator and the exchanges on the wire. Of the manager it uses only the age of published states, which
-must not be newer than the data that reached it.
+It reads the physics of the simulator and the exchanges on the wire. From the manager it takes only the age of published states, and
+checks that no state claims to be newer than the data behind it.
 """
 
 from __future__ import annotations
@@ -39,69 +39,69 @@ from simulator.wire_faults import Exchange
 
 ROUNDING_S = 1e-6
 ANSWER_TAKES_S = 0.02
-"""From the moment at which a device samples its state to the arrival of its reply, on a fast wire."""
+"""Time from the moment at which a device samples its state to the arrival of its reply, on a fast wire."""
 HISTORY_S = 30.0
 """How much history is kept: longer than any outcome takes, and than any limit below."""
 MAX_KEPT_ANSWERS = 256
-"""Correct replies that are kept: more than arrive within the age of any reading, and those still on their way."""
+"""Correct replies that are kept. More than arrive within the maximum age of a reading, including those still on their way."""
 REGISTERS_WITHIN_S = 0.5
-"""A controller registers a call with its next scan, and a starting car may be observed before that."""
+"""A controller registers a call with its next scan; a starting car may be observed before that."""
 RELEASES_WITHIN_S = 3.0
-"""How long an output without a request may stay on while the wire works: a release is sent at once, after at most one reply, and
-verified. Chosen: three polls of the slowest map."""
+"""How long an output may stay on without a request while the wire works. A release is sent at once, or after one reply, and verified.
+Chosen: three polls of the slowest map."""
 MODE_ENDS_WITHIN_S = 6.0
-"""The same for robot mode, which outlasts the trip and falls once the car is known to stand."""
+"""The same for robot mode, which outlasts the trip and is released once the car is known to stand."""
 RETRIES_WITHIN_S = 2.0
-"""A failed release is repeated within this time, so each failed write extends the limit by it."""
+"""A failed release is repeated within this time. Each failed write extends the limit by it."""
 RELEASE_EXCHANGES = 8
 """Replies that a release may have to wait for: a running poll, a read before the write, the write, and the read-back."""
 SLOW_FOR_S = 10.0
 """How long a slow reply extends the limits."""
 MODE_KNOWN_WITHIN_S = 1.0
-"""How soon a mode without robots is known on a wire that works: two polls, the second for a map read in several blocks."""
+"""How soon the manager knows of a mode without robots on a working wire: two polls, as a map may be read in several blocks."""
 SILENT_S = 1.0
-"""A wire without a request for this long does not work: a lift is polled five times as often."""
+"""A wire without a request for this long does not work: a lift is polled five times in that time."""
 FOREIGN_CLEARED_S = 70.0
-"""A foreign press is released at most once a minute (`drivers.modbus.foreign_writes`), plus the time of the release."""
+"""How long a foreign press may stay on. It is released at most once a minute (`drivers.modbus.foreign_writes`); the release takes time."""
 AFTER_EFFECT_S = {"reboot": 60.0, "lost_press": 30.0, "ignored_writes": 30.0, "ignored_writes.stored": 30.0}
-"""How long the effects of some faults last: a lift looks for its lowest floor after a restart, and a press that was lost stays so for as
-long as it lasts, which is a ride where a robot's word is kept on."""
+"""How long the effects of some faults outlast them. After a restart a lift looks for its lowest floor. A lost press stays lost while it
+lasts, which may be a whole ride for a report of the robot."""
 SETTLES_S = 2.0
-"""How long wrong data may show after the end of a fault: two readings, and the age of the last wrong one."""
+"""How long wrong data may be published after a fault: two readings, and the age of the last wrong one."""
 
 _CALLS = frozenset({CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO})
 WRITE_FAULTS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
 """Faults under which no output can be released, as on a failing wire."""
 FROZEN_FAULTS = frozenset({"frozen_registers", "stopped"})
-"""Faults under which registers keep the values from their beginning."""
+"""Faults under which registers keep the values that they had when the fault began."""
 
 MISLEADING_FAULTS = frozenset(
     {"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped", "homing", "reboot"}
 )
-"""Faults under which a car may seem to move or to have arrived, although it does not."""
+"""Faults under which a car may seem to move or to have arrived although it has not."""
 FOREIGN_WRITE_FAULTS = frozenset({"foreign_writer"})
 FOR_OTHERS = "a car that set out for somebody else"
-"""If only the motion of the car confirms a call, a car that starts in the right direction after a press is the only evidence."""
+"""Where only the motion of the car confirms a call, a car that starts in its direction after the press is all the evidence there is."""
 
 
 _Confirmation = tuple[float, float, Outcome]
-"""When a command was reported as confirmed, when it was pressed, and its outcome."""
+"""When a command was reported as confirmed, when it was pressed, and the outcome."""
 
 
 @dataclass(slots=True)
 class _Fault:
-    """A fault of the lift, and what it excuses."""
+    """A fault of a lift, and the findings that it excuses."""
 
     name: str
     kinds: frozenset[SuspectValues]
     since: float
     until: float
     command: str = ""
-    """The only command that it affects; empty for any."""
+    """The only command that it affects; empty if it affects all."""
     ended_at: float = math.inf
 
     def touches(self, command: str) -> bool:
-        """Whether the fault affects this command. A foreign call moves the car for every call."""
+        """Whether the fault affects this command. A foreign call affects every call: the car moves for it."""
         return self.command in ("", command) or (_is_call(self.command) and _is_call(command))
 
 
@@ -110,7 +110,7 @@ class _WireHealth:
     """The wire to one controller."""
 
     fails: bool = False
-    """Whether the last exchange failed: no correct reply has arrived in time since."""
+    """Whether the last exchange failed: it got no correct reply in time."""
     failed_writes: int = 0
     slow_s: float = 0.0
     """The slowest recent correct reply."""
@@ -123,62 +123,62 @@ class _UnrequestedOutput:
 
     since: float
     lost_s: float
-    """How much of the time without any possible release had passed by then."""
+    """The value of `_WatchedLift.lost_s` at that time."""
     failed_writes: int
 
 
 @dataclass(slots=True)
 class _WatchedLift:
-    """The history of one lift for the judge."""
+    """What the judge has recorded of one lift."""
 
     about: LiftUnderTest
     history: History = field(default_factory=History)
     mode_since: float = -math.inf
     bars_since: float = math.inf
     on_since: dict[tuple[str, int], float] = field(default_factory=dict)
-    """Commands that are present at the controller, with the floor of a call, and since when."""
+    """Since when each command is present at the controller, by its name and the index of the floor of a call."""
     unrequested: dict[tuple[str, int], _UnrequestedOutput] = field(default_factory=dict)
     faults: list[_Fault] = field(default_factory=list)
     """Current and recent faults."""
     newest: dict[PolledBlock, deque[tuple[float, float]]] = field(default_factory=dict)
-    """Correct replies for each block of the poll: when they arrive, and when they were requested."""
+    """For each block of the poll, when correct replies arrive and when they were requested."""
     pressed_at: dict[str, float] = field(default_factory=dict)
     under_way_at: float = -math.inf
-    """When the car last moved with robot mode on without a request."""
+    """When the car last moved while robot mode was on without a request."""
     stuck: dict[str, float] = field(default_factory=dict)
-    """Outputs that an undetectable fault may have left on, and until when that is an excuse."""
+    """Until when an undetectable fault excuses an output that it may have left on."""
     foreign: dict[str, float] = field(default_factory=dict)
-    """Foreign presses, and until when each is an excuse."""
+    """Until when a foreign press excuses each output."""
     claims: deque[_Confirmation] = field(default_factory=deque)
     requests: dict[Holder, tuple[FloorRequest, FloorRequest]] = field(default_factory=dict)
-    """The last request of each holder that was accepted, and the last one before it for another floor."""
+    """The last accepted request of each holder, and the last one before it for another floor."""
     in_place_at: dict[Holder, float] = field(default_factory=dict)
-    """When a robot of each holder last reported to be inside, explicitly or by requesting another floor."""
+    """When the robot of each holder last reported that it was inside, explicitly or by requesting another floor."""
     floor: FloorName | None = None
-    """Of the last request that was accepted, and since when it is that one."""
+    """The floor of the last accepted request; `floor_since` is when that floor was first requested."""
     floor_since: float = -math.inf
     troubles: int = 0
-    """Faults that are present, on the lift and on its wires."""
+    """How many faults the lift and its wires have now."""
     troubled_until: float = -math.inf
     clean_since: float = -math.inf
     last_exchange: float = -math.inf
     looked_at: float = -math.inf
     lost_s: float = 0.0
-    """Time during which no release was possible: the wire failed, or the device did not obey."""
+    """Total time in which no release was possible: the wire failed, or the device did not obey."""
     state: LiftState | None = None
 
 
 class Oracle:
-    """Judges every lift of a world; `findings` lists the violations."""
+    """Judges every lift of a world. `findings` lists the violations."""
 
     def __init__(self, lifts: Mapping[str, LiftUnderTest]) -> None:
         self.findings: list[Finding] = []
         self.excused: dict[tuple[str, str, str], int] = {}
         """How often a finding was excused, by lift, rule and fault."""
         self.judged = 0
-        """How many published states were compared."""
+        """How many published states were compared with the lift."""
         self.invitations = 0
-        """How many of them had an open door."""
+        """How many invitations these states had: floors at which a door was published as open."""
         self.lifts = lifts
         """The facts about each lift."""
         self._lifts = {name: _WatchedLift(about) for name, about in lifts.items()}
@@ -187,7 +187,7 @@ class Oracle:
     # -- Witness
 
     def on_truth(self, at: float, lift: str, truth: Truth) -> None:
-        """Record the physical state, and check outputs that stay on."""
+        """Record the physical state, and check for outputs that stay on too long."""
         watched = self._lifts[lift]
         if truth is not watched.history.last:
             self._changed(at, watched, truth)
@@ -211,7 +211,7 @@ class Oracle:
         if state.quality is not Quality.LIVE:
             return
         if state.age_s is None or not self._is_fresh(watched, at):
-            text = f"the state looks current, and no answer of the last {watched.about.max_age_s:g} s bears it out"
+            text = f"the state looks current, and no answer of the last {watched.about.max_age_s:g} s supports it"
             self.report(at, lift, "stale", text)
         shown = state_data(state)
         floors = {state.floor} if state.robot_door is RobotDoor.OPEN else set()
@@ -241,7 +241,7 @@ class Oracle:
                 self.report(at, lift, "pressed in a forbidden mode", text, SuspectValues.MODE)
         barred = truth.bars & watched.about.shows.bars
         if barred and (for_s := self._known_for(watched, watched.bars_since, at)) is not None:
-            text = f"{names}, {for_s:.2f} s after {', '.join(sorted(barred))} told that robots are kept off"
+            text = f"{names}, {for_s:.2f} s after {', '.join(sorted(barred))} kept robots off"
             if not self._was_frozen(watched, lift, "pressed while kept off", watched.bars_since, at):
                 self.report(at, lift, "pressed while kept off", text)
 
@@ -272,7 +272,7 @@ class Oracle:
                 kept.append((arrives, exchange.sent_at))
 
     def on_event(self, at: float, event: Event) -> None:
-        """Check the evidence of confirmed commands; follow sessions that are handed over."""
+        """Check the evidence of confirmed commands, and move the requests of a session that is handed over."""
         if isinstance(event, HandedOver):
             requests = self._lifts[event.lift].requests
             if event.holder in requests:
@@ -281,13 +281,13 @@ class Oracle:
             watched, outcome = self._lifts[event.lift], event.outcome
             proofs = watched.about.shows.proofs.get(outcome.command.kind)
             if proofs is not None and outcome.proof not in proofs:
-                text = f"{outcome.command} is said to be confirmed by {outcome.proof}; on this map only by {', '.join(sorted(proofs))}"
+                text = f"{outcome.command} is reported as confirmed by {outcome.proof}; valid on this map: {', '.join(sorted(proofs))}"
                 self.report(at, event.lift, "confirmed by what proves nothing", text)
             pressed_at = watched.pressed_at.get(outcome.command.name, at - HISTORY_S)
             watched.claims.append((at, pressed_at, outcome))
 
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
-        """Record the request of each holder, and since when: no press for that floor may be older."""
+        """Record the last request of each holder, and since when its floor is requested."""
         if refused is not None:
             return
         watched, holder = self._lifts[request.lift], request.holder
@@ -295,15 +295,15 @@ class Oracle:
             watched.floor, watched.floor_since = request.floor, at
         last, before = watched.requests.get(holder, (request, request))
         if request.robot is RobotWord.IN_PLACE or request.floor != last.floor:
-            # one without words says by its next floor that it is inside
+            # a robot without a handshake shows by its next floor that it is inside
             watched.in_place_at[holder] = at
         watched.requests[holder] = request, before if last.floor == request.floor else last
 
     def on_fault(self, at: float, change: FaultChange) -> None:
-        """Know what cannot be detected, and how soon the rest must be."""
+        """Record which findings the fault excuses, and until when."""
         for lift, watched in self._lifts.items():
             if change.fault == RESTART:
-                watched.unrequested.clear()  # nobody was there who could release anything
+                watched.unrequested.clear()  # nothing could be released while the manager was down
             if change.where not in (lift, *watched.about.controllers):
                 continue
             watched.clean_since = at
@@ -313,7 +313,7 @@ class Oracle:
                 self._track_fault(watched, change, at)
 
     def is_clean(self, lift: str, at: float, for_s: float) -> bool:
-        """Whether everything that was asked of this lift was answered rightly and obeyed for so long."""
+        """Whether for so long every request to this lift was answered correctly and obeyed."""
         watched = self._lifts[lift]
         return not watched.troubles and at - watched.clean_since > for_s
 
@@ -323,11 +323,11 @@ class Oracle:
         return None if requests is None else requests[0]
 
     def is_foreign_write(self, lift: str, command: str, at: float) -> bool:
-        """Whether somebody else writes this command, or did of late."""
+        """Whether somebody else writes this command, or did so recently."""
         return at <= self._lifts[lift].foreign.get(command, -math.inf)
 
     def was_misled(self, lift: str, since: float, names: frozenset[str], command: str = "") -> str | None:
-        """Return which of these faults was present at some time after `since`, and touches the command."""
+        """Return which of these faults was present after `since` and affects the command; None if none was."""
         for fault in self._lifts[lift].faults:
             if fault.name in names and fault.ended_at >= since and fault.touches(command):
                 return fault.name
@@ -336,10 +336,10 @@ class Oracle:
     # -- how it is judged
 
     def _changed(self, at: float, watched: _WatchedLift, truth: Truth) -> None:
-        """Take a truth that may be another one than the last."""
+        """Record a physical state that may differ from the last one."""
         before = watched.history.last
         watched.history.add(at, truth)
-        # under a fault of these kinds the state may still show what was so when it began
+        # under these faults a published state may show the lift as it was when the fault began
         still = (fault.since for fault in watched.faults if fault.name in FROZEN_FAULTS)
         watched.history.forget(min([at - HISTORY_S, *still]))
         if before is None or before.mode is not truth.mode:
@@ -367,7 +367,7 @@ class Oracle:
             watched.foreign[command] = math.inf if change.began else at + FOREIGN_CLEARED_S
         if excuse is None:
             return
-        # one that goes on is known for as long as it does, even when it excuses nothing more
+        # a present fault is kept even if it excuses nothing any more
         watched.faults = [
             one for one in watched.faults if math.isinf(one.ended_at) or at - max(one.until, one.ended_at) <= HISTORY_S
         ]
@@ -379,7 +379,7 @@ class Oracle:
             if (fault.name, fault.command, fault.ended_at) == (name, command, math.inf):
                 fault.ended_at = at
                 if math.isinf(fault.until) and SuspectValues.OUTPUT in fault.kinds and not command:
-                    # what was not released meanwhile stays on until somebody looks
+                    # an output that was not released meanwhile stays on until the next comparison of outputs
                     watched.stuck |= dict.fromkeys((on for on, _ in watched.on_since), at + FOREIGN_CLEARED_S)
                 fault.until = min(fault.until, at + AFTER_EFFECT_S.get(name, SETTLES_S))
                 return
@@ -404,14 +404,14 @@ class Oracle:
 
     @staticmethod
     def _is_cut_off(watched: _WatchedLift, at: float) -> bool:
-        """Whether nothing was asked for so long because nobody could ask; a manager that merely keeps silent has no excuse."""
+        """Whether the wire is silent because of a fault. A manager that sends nothing without a fault has no excuse."""
         troubled = watched.troubles > 0 or at < watched.troubled_until
         return troubled and at - watched.last_exchange > max(SILENT_S, 3 * watched.about.poll_s)
 
     def _check_state(
         self, at: float, lift: str, watched: _WatchedLift, state: LiftState, floors: set[str | None]
     ) -> None:
-        """Compare a live state with what was so since its data was asked for; then with what registers that stand still may show."""
+        """Compare a live state with the lift since its data was requested, and under frozen registers since the fault began."""
         since = at - (state.age_s or 0.0) - ROUNDING_S
         truths = list(watched.history.during(since, at))
         found = list(_false_claims(state, watched.about, truths, floors)) if truths else []
@@ -430,13 +430,13 @@ class Oracle:
 
     @staticmethod
     def _known_for(watched: _WatchedLift, since: float, at: float) -> float | None:
-        """Return for how long something has been so that must be known by now; None where it need not be yet."""
+        """Return how long a condition has lasted that the manager must know by now; None if it need not know it yet."""
         for_s, clean_s = at - since, at - max(since, watched.clean_since)
         known = clean_s > MODE_KNOWN_WITHIN_S or for_s > watched.about.max_age_s + ANSWER_TAKES_S
         return for_s if known else None
 
     def _was_frozen(self, watched: _WatchedLift, lift: str, rule: str, since: float, at: float) -> bool:
-        """Let pass what began after the registers had come to stand still: they cannot show it."""
+        """Excuse a finding about a change after the registers froze: they cannot show it."""
         for fault in watched.faults:
             if fault.name in FROZEN_FAULTS and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
                 self.excuse_finding(lift, rule, fault.name)
@@ -444,7 +444,7 @@ class Oracle:
         return False
 
     def _is_fresh(self, watched: _WatchedLift, at: float) -> bool:
-        """Whether every block of the poll was rightly answered within the age of a reading."""
+        """Whether every block of the poll was answered correctly within the maximum age of a reading."""
         oldest = at - watched.about.max_age_s - ROUNDING_S
         return all(
             any(
@@ -472,7 +472,7 @@ class Oracle:
             hindered_s = watched.lost_s - unrequested.lost_s
             hindered_s += RETRIES_WITHIN_S * (failed_writes - unrequested.failed_writes)
             if at - since - hindered_s > self._limit_s(watched, name, truth):
-                text = f"{name} is on, and nobody has wanted it for {at - unrequested.since:.1f} s, {hindered_s:.1f} s of them hindered"
+                text = f"{name} is on without a request for {at - unrequested.since:.1f} s, {hindered_s:.1f} s of them hindered"
                 if not self._is_excused(watched, lift, name, at):
                     self.report_unless_excused(
                         Finding(at, lift, "output on too long", text, SuspectValues.OUTPUT), about=name
@@ -481,14 +481,14 @@ class Oracle:
 
     @staticmethod
     def _stands_unknown_at(watched: _WatchedLift, at: float) -> float:
-        """Return when the manager last could not know that the car stands: it moved, readings failed, or the alive counter stood still."""
+        """Return when the manager last could not know that the car stands: it moved, readings failed, or the alive counter was frozen."""
         is_frozen = any(fault.name == "frozen_heartbeat" and at <= fault.ended_at for fault in watched.faults)
         return at if is_frozen else max(watched.under_way_at, watched.clean_since)
 
     def _limit_s(self, watched: _WatchedLift, name: str, truth: Truth) -> float:
-        """Return how long this may stay on although nobody wants it.
+        """Return how long an output may stay on without a request.
 
-        Robot mode is not dropped under way, and that a robot left is told for as long as it takes.
+        Robot mode is not dropped under way, and `robot_left` stays on for as long as the lift needs it.
         """
         slow_s = max(self._wires[controller].slow_s for controller in watched.about.controllers)
         if name == "robot_left" or (name == "robot_mode" and not truth.standing):
@@ -506,7 +506,7 @@ class Oracle:
         return True
 
     def excuse_finding(self, lift: str, rule: str, why: str) -> None:
-        """Count what a fault excuses: no excuse is silent."""
+        """Count a finding that a fault excuses; every excuse is reported."""
         key = (lift, rule, why)
         self.excused[key] = self.excused.get(key, 0) + 1
 
@@ -519,7 +519,7 @@ class Oracle:
         on_s = at - watched.on_since[name, floor]
         requests = watched.requests.get(state.holder)
         if requests is None:
-            # it was requested over a face of which the judge learns nothing
+            # the request came over a face that the judge does not see
             return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
         report_due = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(
             state.holder, -math.inf
@@ -530,13 +530,13 @@ class Oracle:
         claimed_at, pressed_at, outcome = claim
         if self._had_effect(watched, outcome.command, pressed_at, at):
             return
-        text = f"{outcome.command} is said to be confirmed by {outcome.proof}, and had no effect"
+        text = f"{outcome.command} is reported as confirmed by {outcome.proof}, and had no effect"
         by_motion = outcome.proof is Proof.EFFECT and outcome.command.kind in _CALLS
         if by_motion and self._started_towards(watched, outcome.command, pressed_at, claimed_at):
             self.excuse_finding(lift, "confirmed without effect", FOR_OTHERS)
             return
         if outcome.proof is Proof.READBACK and (mode := self._unreported_mode(watched, pressed_at, at)) is not None:
-            # the register has the call, and in that mode the lift does not look at it
+            # the register has the call, and the lift ignores it in that mode
             self.excuse_finding(lift, "confirmed without effect", unreported_mode(mode))
             return
         since = min(pressed_at, watched.floor_since)
@@ -547,15 +547,15 @@ class Oracle:
 
     @staticmethod
     def _unreported_mode(watched: _WatchedLift, since: float, until: float) -> Mode | None:
-        """Return a mode in which the lift did not obey robots meanwhile, and which its map does not show."""
+        """Return a mode without robots that the lift was in between these times and that its map does not show."""
         modes = (truth.mode for truth in watched.history.during(since, until))
         return next((mode for mode in modes if mode in MODES_WITHOUT_ROBOTS - watched.about.shows.modes), None)
 
     @staticmethod
     def _started_towards(watched: _WatchedLift, command: Command, pressed_at: float, claimed_at: float) -> bool:
-        """Whether the car stood, from the reading before a press on, and set out for there before the claim.
+        """Whether the car stood at the reading before the press, and started towards the floor of the call before the claim.
 
-        One whose motion nobody tells looks like one that stands until it comes to another floor.
+        Without a motion signal a car seems to stand until it reaches another floor.
         """
         since = pressed_at - watched.about.max_age_s
         if not watched.about.shows.motion:
@@ -577,9 +577,9 @@ class Oracle:
     def report_unless_excused(
         self, finding: Finding, *, since: float | None = None, only: frozenset[str] | None = None, about: str = ""
     ) -> None:
-        """Add a finding, unless a fault excuses what is wrong: a current one, or one after `since`.
+        """Add a finding, unless a fault excuses what is wrong: a current fault, or one that was present after `since`.
 
-        `only` names the faults that may; None: any. It is `about` a command, and a fault of another one is no excuse.
+        `only` names the faults that count; None for all. `about` is the command of the finding: faults of other commands do not count.
         """
         at, wrong = finding.at, finding.wrong
         began = at if since is None else since
@@ -594,7 +594,7 @@ class Oracle:
 def _false_claims(
     state: LiftState, about: LiftUnderTest, truths: Sequence[Truth], floors: set[str | None]
 ) -> Iterator[FalseClaim]:
-    """Yield claims of a live state that were true at none of these moments, its invitations to `floors` first."""
+    """Yield every claim of a live state that was true at none of these moments: first its invitations to `floors`."""
     shows, was = about.shows, truths[-1]
     for floor in floors:
         if floor is None or not any(truth.open_at == floor for truth in truths):
@@ -602,7 +602,7 @@ def _false_claims(
         elif shows.permits and not any(truth.awaits and truth.open_at == floor for truth in truths):
             yield (
                 "said open without permission",
-                f"said open at {floor}; the lift let nobody in or out",
+                f"said open at {floor}; the lift did not let the robot in or out",
                 SuspectValues.OPEN,
             )
         if all(truth.mode in shows.modes for truth in truths):

@@ -1,4 +1,4 @@
-"""What a judge must know of the lifts of a site."""
+"""Sets up the judge for the lifts of a site."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from lift_manager.lab.world.reviewed import evidence_of, excuses
 from register_maps.codec import Codec, compile_map
 
 DEFAULT_ARRIVAL_S = 120.0
-"""How long a trip may take where the map has no call that says so. Chosen: the default of the map schema's `arrive_within_s`."""
+"""How long a trip may take if the map has no call that limits it. Chosen: the default of `arrive_within_s` in the map schema."""
 HANDSHAKE = frozenset({"robot_in_place", "robot_left"})
 
 
 def oracle_of(loaded: LoadedSite) -> Oracle:
-    """Return a judge who knows what the map of each lift can and cannot show."""
+    """Return a judge that knows what the map of each lift can and cannot show."""
     return Oracle({name: _judged(loaded, name) for name in loaded.site.lifts})
 
 
@@ -53,7 +53,7 @@ def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
 
 
 def _blocks(loaded: LoadedSite, name: str, codec: Codec) -> frozenset[PolledBlock]:
-    """Return what a poll of this lift reads, where and from whom."""
+    """Return the blocks that a poll of this lift reads."""
     placed = devices(loaded.site, loaded.site.lifts[name], codec.map)
     needs = [loaded.links[device.controller] for device in placed.values()]
     blocks = plan_poll(

@@ -1,6 +1,6 @@
-"""The judge of the disk: nothing is pressed before its row and its session are on it, and so nothing while it fails.
+"""The judge of the disk: no command is pressed before its row and its session are on the disk, so none while the disk fails.
 
-That releases go on meanwhile needs no rule here: `oracle` finds an output that nobody wants, whatever the disk does.
+Releases need no rule here: `oracle` finds outputs that stay on without a request, whatever the disk does.
 """
 
 from __future__ import annotations
@@ -20,53 +20,53 @@ from register_maps.vocabulary import CALLS
 from simulator.wire_faults import Exchange
 
 SESSION_COMMANDS = frozenset(CALLS)
-"""What is pressed for nobody but the holder of a session; holds may outlast theirs for a while."""
+"""Commands that are pressed only during a session. A hold may outlast its session for a while."""
 
 
 class PressRows:
-    """A witness of presses and of the disk that tells its findings to the oracle."""
+    """A witness of presses and of the disk. It reports its findings to the oracle."""
 
     def __init__(self, oracle: Oracle, disk: SimulatedDisk) -> None:
         self._oracle = oracle
         self._disk = disk
         self._fresh: set[tuple[str, str]] = set()
-        """Lifts and commands with a row on the disk that no press was seen of yet."""
+        """Lifts and commands whose row is on the disk and whose press has not come yet."""
         self._pressed: set[tuple[str, str]] = set()
-        """Those that were pressed with a row and not released since."""
+        """Lifts and commands that were pressed and not released since."""
         disk.on_recorded.append(self._on_recorded)
         disk.on_committed.append(self._on_committed)
 
     def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
-        """See whether there is a row for each; a hold that the controller dropped may be pressed again with its old one."""
+        """Check that each press has a row. A hold that the controller dropped may be pressed again with its old row."""
         for name in sorted(commands - self._oracle.lifts[lift].repeated):
             key = (lift, name)
             if key not in self._fresh and (name in SESSION_COMMANDS or key not in self._pressed):
-                text = f"{name} is pressed, and no row of it is on the disk"
+                text = f"{name} is pressed, and its row is not on the disk"
                 self._oracle.report(at, lift, "pressed before its row", text)
             self._fresh.discard(key)
             self._pressed.add(key)
         saved = self._disk.store.records.get(lift)
         if commands & SESSION_COMMANDS and (saved is None or saved.record.session is None):
-            text = f"{', '.join(sorted(commands))}, and a restart would not know for whom"
+            text = f"{', '.join(sorted(commands))}, and a restart would not know the holder"
             self._oracle.report(at, lift, "pressed before its session", text)
 
     def on_truth(self, at: float, lift: str, truth: Truth) -> None:
-        """Nothing about the lift itself is judged here."""
+        """This judge needs no physical states."""
 
     def on_state(self, at: float, lift: str, state: LiftState) -> None:
-        """Nothing about states is judged here."""
+        """This judge needs no published states."""
 
     def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
-        """Nothing about the wire is judged here."""
+        """This judge needs no exchanges."""
 
     def on_event(self, at: float, event: Event) -> None:
-        """Nothing about events is judged here."""
+        """This judge needs no events."""
 
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
-        """Nothing about requests is judged here."""
+        """This judge needs no requests."""
 
     def on_fault(self, at: float, change: FaultChange) -> None:
-        """Nothing excuses a press without its row but what the oracle knows of."""
+        """The oracle knows which faults are an excuse."""
 
     def _on_recorded(self, row: Row) -> None:
         if row.kind is RowKind.WRITE and row.data.get("what") == StepKind.RELEASE:

@@ -1,4 +1,4 @@
-"""Checks floor, motion, mode and doors of a live state against the lift since its data was requested. Pure."""
+"""Compares floor, motion, mode and doors of a live state with the lift since the data of that state was requested. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lift_manager.lift.state import LiftState
 from register_maps.words import Door, Mode, Motion, Side
 
 FalseClaim = tuple[str, str, SuspectValues]
-"""The rule, the false claim, and what is wrong."""
+"""The rule, the text of the finding, and what is wrong."""
 
 _HEADING = {Motion.UP: 1, Motion.DOWN: -1}
 
@@ -43,7 +43,7 @@ def false_claims(state: LiftState, shows: MapEvidence, truths: Sequence[Truth]) 
 
 
 def may_report_mode(published: Mode, mode: Mode, shows: MapEvidence) -> bool:
-    """Whether a mode may be published for a lift in `mode`. Unknown is no claim; a mode without a signal looks like normal."""
+    """Whether a mode may be published for a lift in `mode`. `unknown` claims nothing; a mode without a signal looks like normal."""
     if published is Mode.UNKNOWN:
         return True
     if mode in MODES_WITHOUT_ROBOTS:
@@ -54,7 +54,10 @@ def may_report_mode(published: Mode, mode: Mode, shows: MapEvidence) -> bool:
 
 
 def _may_stand(truth: Truth, shows: MapEvidence) -> bool:
-    """Whether a car may count as standing: with open doors it only re-levels; without a motion signal it counts until it leaves its switch."""
+    """Whether a car may count as standing.
+
+    With open doors it only re-levels. Without a motion signal it counts as standing until it leaves its floor switch.
+    """
     return truth.standing or (truth.at is not None and (not truth.doors_shut or not shows.motion))
 
 
@@ -77,21 +80,23 @@ def _door(truth: Truth, side: Side) -> Door | None:
 
 
 def _is_door_true(published: Door, doors: set[Door | None], shows: MapEvidence) -> bool:
-    """Whether a door was in this state, or at both of its ends, and so between them as well."""
+    """Whether a door was in this state. A door that was open and closed was also in between."""
     if any(_may_report_door(published, door, shows) for door in doors):
         return True
     return published not in (Door.OPEN, Door.CLOSED) and {Door.OPEN, Door.CLOSED} <= doors
 
 
 def _may_report_door(published: Door, door: Door | None, shows: MapEvidence) -> bool:
-    """Whether this may be published for a door; nobody acts on its direction between the ends."""
+    """Whether this may be published for a door. The direction between open and closed does not matter: nobody acts on it."""
     if door is None or published in (Door.FAULT, Door.UNKNOWN):
         return True
     if published is Door.OPEN:
         return door is Door.OPEN
     match shows.door_by:
         case DoorEvidence.OPEN_LIMITS:
-            return True  # made at its floor only: a car that is not level shows no limit though its door is open
+            return (
+                True  # the limit works at its floor only: a car that is not level shows none, though its door is open
+            )
         case DoorEvidence.OPEN_CONTACT:
             return door is not Door.OPEN
         case DoorEvidence.BOTH_ENDS:

@@ -1,7 +1,7 @@
-"""What each shipped map can show of its lift, reviewed by hand against its source; and what no register can show, by fault.
+"""What each shipped map can show of its lift, reviewed by hand against its source; and which findings each fault excuses.
 
-The judge relies on this table and not on `lift_manager.commissioning.detection`, the codec or the word lists of the product: an error
-there must not excuse itself. A map that is not listed, or was changed by its site, is described from its text (`described`).
+The judge relies on this table and not on `lift_manager.commissioning.detection`, the codec or the lists of the product: an error there
+must not excuse itself. A map that is not listed here, or that a site has changed, is described from its text (`described`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NO_MODES = frozenset[Mode]()
 
 _EFFECT, _READBACK, _LAMP = frozenset({Proof.EFFECT}), frozenset({Proof.READBACK}), frozenset({Proof.LAMP})
 _RELAYS: Mapping[str, frozenset[Proof]] = {"go_to": _EFFECT, "hold_door": _READBACK}
-"""A call of a few relays is confirmed by nothing but the car; a hold by the relay that is on."""
+"""Only the car confirms a call of a relay module; the relay itself confirms a hold."""
 _GENERIC: Mapping[str, frozenset[Proof]] = {
     "go_to": _LAMP | _EFFECT,
     "hold_door": _READBACK,
@@ -44,15 +44,15 @@ _HANDSHAKE: Mapping[str, frozenset[Proof]] = {
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One map as it was reviewed, with the names that it had."""
+    """One reviewed map, with the names that it had then."""
 
     names: str
-    """Signals, a bar, and commands; a map with others was not reviewed."""
+    """Its signals, a vertical bar, and its commands; a map with other names counts as not reviewed."""
     shows: MapEvidence
 
 
 def _relays(*, fire: bool, max_age_s: float = 1.0, bars: frozenset[str] = frozenset()) -> MapEvidence:
-    """Two limits of the door, a contact per floor, and nothing that tells motion."""
+    """Return the evidence of a map with two door limits, a contact per floor, and no motion signal."""
     return MapEvidence(
         max_age_s=max_age_s,
         modes=ONLY_FIRE if fire else NO_MODES,
@@ -123,7 +123,7 @@ REVIEWED: Mapping[str, Row] = {
             direction=False,
             floor_by=FloorEvidence.DOOR,
             door_by=DoorEvidence.OPEN_LIMITS,
-            # nothing shows that the car comes: the output that is on is all there is
+            # nothing shows that the car is coming; the output itself is the only evidence
             proofs={"call": _READBACK, "robot_in_place": _READBACK},
         ),
     ),
@@ -152,7 +152,7 @@ REVIEWED: Mapping[str, Row] = {
     "two-stop-agv": Row(
         "car_floor door.front fault robot_mode_on | close_door.front go_to hold_door.front",
         MapEvidence(
-            modes=NO_MODES,  # its fault lamp is none of the modes that a simulated controller changes to
+            modes=NO_MODES,  # its fault lamp shows no mode that a simulated controller changes to
             motion=False,
             direction=False,
             floor_by=FloorEvidence.SWITCH,
@@ -166,14 +166,14 @@ REVIEWED: Mapping[str, Row] = {
     ),
     "waveshare-relay": Row("car_floor door.front | go_to hold_door.front", _relays(fire=False)),
 }
-"""The shipped maps on which a robot can ride, completed as the campaigns complete them."""
+"""The shipped maps with which a robot can ride, completed as in the campaigns."""
 
 TWO_DOORS = {"door.front": "door.rear", "hold_door.front": "hold_door.rear", "close_door.front": "close_door.rear"}
-"""A site with a second door gives it the same signals and commands."""
+"""The signals and commands of a second door, which a site may add."""
 
 
 def evidence_of(source: RegisterMap) -> tuple[MapEvidence, bool]:
-    """Return what a map can show, and whether that was reviewed."""
+    """Return what a map can show, and whether it was reviewed."""
     row = REVIEWED.get(source.name)
     if row is not None and _names(source) == row.names:
         return row.shows, True
@@ -234,20 +234,20 @@ def _modes(source: RegisterMap) -> Iterator[Mode]:
 
 _LATE_FAULTS = frozenset({SuspectValues.EFFECT})
 _UNDETECTABLE_FAULTS = frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT})
-"""Of registers that stand still. What may be said of the lift meanwhile the judge knows better: what was so when they came to."""
+"""For frozen registers. The judge itself knows what may be published meanwhile: the lift as it was when they froze."""
 
 
 def excuses(shows: MapEvidence, *, max_age_s: float, arrive_within_s: float, poll_s: float) -> dict[str, Excuse]:
-    """Return what each fault may make wrong, by the name of the fault. A fault that is not here excuses nothing."""
-    # the last beat is seen a poll after it at the latest, and the last reading that still had time for the next one is kept for its age
+    """Return what each fault may make wrong, by its name. A fault that is missing here excuses nothing."""
+    # the last beat is read within one poll; then the time for the next beat runs, and the last valid reading is kept for its maximum age
     stands_still = None if shows.beats_within_s is None else poll_s + shows.beats_within_s + max_age_s
     found = {
-        # a call counts as taken while the car moves, and nobody sees before it should have come that it does not
+        # a call counts as taken while the car moves; until the time limit of the trip nothing shows that the car does not come
         "wrong_floor": Excuse(_LATE_FAULTS, arrive_within_s),
         "homing": Excuse(_LATE_FAULTS | _lost_floor(shows), arrive_within_s),
         "calls_cancelled": Excuse(_LATE_FAULTS, arrive_within_s),
         "reboot": Excuse(_LATE_FAULTS | _lost_floor(shows), arrive_within_s),
-        # the door is held for the robot at the floor that is said
+        # the door is held for the robot at the published floor
         "says_wrong_floor": Excuse(
             frozenset({SuspectValues.OPEN, SuspectValues.EFFECT, SuspectValues.FLOOR, SuspectValues.OUTPUT}), None
         ),
@@ -255,7 +255,7 @@ def excuses(shows: MapEvidence, *, max_age_s: float, arrive_within_s: float, pol
         "contradicting_limits": Excuse(frozenset({SuspectValues.OPEN, SuspectValues.SHOWN}), max_age_s),
         "frozen_registers": Excuse(_UNDETECTABLE_FAULTS, stands_still),
         "stopped": Excuse(_UNDETECTABLE_FAULTS, stands_still),
-        # nothing is wrong by it, but nobody knows where the car is
+        # it makes nothing wrong, but nothing is known of the car
         "frozen_heartbeat": Excuse(frozenset(), None),
         "lost_press": Excuse(_LATE_FAULTS, None),
         "ignored_writes": Excuse(_LATE_FAULTS | {SuspectValues.OUTPUT}, None),
@@ -264,11 +264,11 @@ def excuses(shows: MapEvidence, *, max_age_s: float, arrive_within_s: float, pol
     }
     for mode in ALL_MODES:
         if mode not in shows.modes:
-            # it takes no call, and a car that moves for people looks like the answer
+            # the lift takes no calls in this mode, and a car that moves for people looks like the response
             found[f"in_mode.{mode}"] = Excuse(_LATE_FAULTS, None)
     return found
 
 
 def _lost_floor(shows: MapEvidence) -> frozenset[SuspectValues]:
-    """A controller that looks for its floor goes on to say the last number."""
+    """Return what is wrong while a controller searches for its floor: a floor code keeps its last value."""
     return frozenset({SuspectValues.FLOOR}) if shows.floor_by is FloorEvidence.CODE else frozenset()

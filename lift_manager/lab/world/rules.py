@@ -1,6 +1,6 @@
-"""The judge of who gets the lift: fire, lockout, turns, one holder, and presses that are not repeated.
+"""The judge of who may have the lift: fire, lockout, the turn of people, one holder, and no repeated presses.
 
-It keeps notes of its own on requests, replies, presses and the physical state.
+It keeps its own notes on requests, replies, presses and the physical state.
 """
 
 from __future__ import annotations
@@ -50,25 +50,25 @@ from simulator.faults import PowerLoss
 from simulator.wire_faults import Exchange
 
 KNOWN_WITHIN_S = 1.0
-"""A decision of a person or a published fire is in force at once; writes on their way may still arrive within this time."""
+"""An operator action or a published fire is in force at once; writes on their way may still arrive within this time."""
 REPEAT_AFTER_S = 1.9
-"""The same call is not pressed sooner for the same request: the first pause after a failure is 2 s (DESIGN section 7)."""
+"""The same call is not pressed again sooner for the same request. The first pause after a failure is 2 s (DESIGN section 7)."""
 NOTICED_WITHIN_S = 2.6
-"""How long a state may stay open after our hold fell by itself: outputs are compared every 2 s, plus the time of the read."""
+"""How long a state may stay open after our hold dropped out by itself: outputs are compared every 2 s, and the read takes time."""
 OWN_RELEASE_WITHIN_S = 0.3
-"""The same for a hold that we released, which needs no read."""
+"""The same after our own release, which needs no read."""
 MODE_ENDED_S = 2.0
-"""How long ago the forbidden mode, or what kept robots off (key switch, watchdog), may have ended because of which robot mode was dropped."""
+"""How long ago the cause for dropping robot mode may have ended: a mode without robots, a key switch, or a watchdog."""
 ROUNDING_S = 1e-6
 SAME_INSTANT_S = 0.05
-"""A due press or release is on the wire within this time."""
+"""A press or release that is due is on the wire within this time."""
 HOLD_FAULTS = frozenset({"frozen_registers", "stopped", "ignored_writes", "ignored_writes.stored"})
-"""Faults under which a hold that was read back may not be there."""
+"""Faults under which a hold may be missing although its output reads back."""
 LOST_PRESS = "lost_press"
 
 _CALLS = ("go_to", "call", "go")
 _HANDSHAKE = frozenset({"robot_left", "robot_in_place"})
-"""Reports that the lift may still get after a session."""
+"""Reports to the lift that may still follow a session."""
 
 
 @dataclass(slots=True)
@@ -82,62 +82,62 @@ class _LiftNotes:
     pressed_something: bool = False
     rests_until: float = -math.inf
     fire_since: float = math.inf
-    """Since when a fire is known that nobody has acknowledged."""
+    """Since when there is a known fire that nobody has acknowledged."""
     fire_published_at: float = -math.inf
     locked_since: float = math.inf
     mode_at: float = -math.inf
-    """When the lift was last in a mode without robots, or kept them off."""
+    """When the lift was last in a mode without robots, or kept robots off."""
     live_at: float = -math.inf
     restarted_at: float = -math.inf
     requested_since: dict[Holder, set[FloorName]] | None = None
-    """Who has requested the lift since the last restart, was accepted, and where to; None without a restart."""
+    """The floors that each holder has requested since the last restart; None if there was no restart."""
     stopping: bool = False
     floor: FloorName | None = None
-    """Of the last request that was accepted."""
+    """The floor of the last accepted request."""
     calls: dict[tuple[str, int], float] = field(default_factory=dict)
-    """When each call was last pressed, for the request that stands."""
+    """When each call was last pressed for the current request."""
     standing_calls: dict[tuple[str, int], float] = field(default_factory=dict)
-    """Calls that were pressed for the session, over restarts, until the car is there for them or they are known to have failed."""
+    """Calls that were pressed for the session, across restarts, until the car has arrived or the call is known to have failed."""
     held_since: float = math.inf
-    """Since when every door hold of the map has been on and obeyed; infinity while it is not."""
+    """Since when every door hold of the map has been on and obeyed; infinity if one is not."""
     pressed_since: float = math.inf
-    """Since when they have stood in the registers, obeyed or not."""
+    """Since when every door hold has been in the registers, obeyed or not."""
     fell_at: float = -math.inf
-    """When they last ceased to be on and obeyed."""
+    """When a door hold last ceased to be on and obeyed."""
     fell_by_us: bool = False
-    """By a write of ours."""
+    """Whether a write of ours ended it."""
     invited_at: float = -math.inf
-    """When a state was last open for the robot of a session."""
+    """When a published state was last open for the robot of a session."""
     invited: tuple[Holder, FloorName | None] | None = None
-    """To whom, and where."""
+    """The holder and the floor of that invitation."""
     gave_up_at: dict[Holder, float] = field(default_factory=dict)
-    """When each caller last requested no door, or one at another floor."""
+    """When each holder last requested no door hold, or another floor."""
     robot_mode_at: float = -math.inf
     stood_at: float = -math.inf
-    """When the car last stood; the manager knows that it has started with the next reading."""
+    """When the car last stood. The manager knows that it has started with the next reading."""
     undecided: list[tuple[float, Holder, Holder | None]] = field(default_factory=list)
-    """Requests that were accepted and are not judged yet: when, of whom, and who held the lift then."""
+    """Accepted requests that are not judged yet: the time, the caller, and the holder at that time."""
 
     def index(self, floor: FloorName | None) -> int | None:
-        """Return the place of a floor; None for one that the lift does not have, or for a session that was asked for none."""
+        """Return the index of a floor; None for a floor that the lift does not have, or for a session without a floor."""
         floors = self.about.floors
         return floors.index(floor) if floor is not None and floor in floors else None
 
     def mark_reached(self, floor: FloorName) -> None:
-        """Drop the calls to this floor, which are served."""
+        """Drop the calls to this floor: they are served."""
         there = self.index(floor)
         self.standing_calls = {call: since for call, since in self.standing_calls.items() if call[1] != there}
 
 
 class Rules:
-    """A witness that reports its findings to the oracle, which knows what is excused."""
+    """A witness that reports its findings to the oracle, which knows the excuses."""
 
     def __init__(self, oracle: Oracle) -> None:
         self._oracle = oracle
         self._notes: Mapping[str, _LiftNotes] = {name: _LiftNotes(about) for name, about in oracle.lifts.items()}
 
     def on_truth(self, at: float, lift: str, truth: Truth) -> None:
-        """Check that robot mode is not dropped under way, and that no lift is given to a second holder."""
+        """Check that robot mode is not dropped under way, and judge the requests of earlier instants."""
         notes = self._notes[lift]
         before, notes.truth = notes.truth, truth
         if truth.mode in MODES_WITHOUT_ROBOTS or truth.bars & notes.about.shows.bars:
@@ -164,27 +164,27 @@ class Rules:
             self._oracle.report(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it")
         if at > notes.locked_since + KNOWN_WITHIN_S:
             self._oracle.report(at, lift, "pressed in a lockout", names)
-        # a lift that is still in robot mode is none for people, and what keeps it so under way may be pressed again
+        # people cannot use a lift that is still in robot mode, and robot mode under way may be pressed again
         kept = {"robot_mode"} if at - notes.robot_mode_at < MODE_ENDED_S else set()
         if at < notes.rests_until and commands - _HANDSHAKE - kept:
-            text = f"{names}, {notes.rests_until - at:.1f} s before people have had their turn"
+            text = f"{names}, {notes.rests_until - at:.1f} s before the end of people's turn"
             self._oracle.report(at, lift, "pressed in people's turn", text)
-        # that a robot left is a person's word as well
+        # a person may report as well that a robot has left
         for name in sorted(commands - {"robot_left"} - notes.about.repeated):
             if not self._was_requested(notes, name):
-                text = f"{name}, and nobody who holds the lift has asked for that since"
+                text = f"{name}, and the holder has not requested that since"
                 self._report_own_press(at, lift, "pressed by a restart", text, name)
         self._check_repeats(at, lift, notes, commands)
 
     def on_state(self, at: float, lift: str, state: LiftState) -> None:
-        """Check what a robot needs besides an open door, and record what the manager knows."""
+        """Check the conditions of an invitation besides the open door, and record what the manager knows."""
         notes = self._notes[lift]
         notes.state = state
         if state.quality is not Quality.LIVE:
             return
         notes.live_at = at
         if state.standing and state.floor is not None and notes.standing_calls:
-            # for the manager the car was there; where it was not, another rule finds that
+            # the manager takes the car to be there; if it is not, another rule finds that
             notes.mark_reached(state.floor)
         if state.mode is Mode.FIRE:
             notes.fire_since = min(notes.fire_since, at)
@@ -204,7 +204,7 @@ class Rules:
                     self._oracle.excuse_finding(lift, "said open without robot mode", blinded)
 
     def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
-        """Check whether a hold that has just fallen was released by us, and whether its robot had time to clear the door."""
+        """Check whether a write of ours has just ended a hold, and whether the robot had time to clear the door."""
         fallen = [
             lift
             for lift, notes in self._notes.items()
@@ -217,7 +217,7 @@ class Rules:
                 self._check_release(at, lift, self._notes[lift])
 
     def on_event(self, at: float, event: Event) -> None:
-        """Keep the book of sessions and of people's words."""
+        """Record sessions and operator actions."""
         match event:
             case SessionOpened() | SessionRestored() | HandedOver():
                 self._check_holder(at, event)
@@ -227,7 +227,7 @@ class Rules:
                 notes.calls.clear()
                 notes.standing_calls.clear()
                 if notes.pressed_something:
-                    # the instant at which the event is heard may be a turn of the loop later than the end
+                    # the event may arrive one turn of the loop after the end of the session
                     notes.rests_until = at + notes.about.between_sessions_s - 0.01
                 notes.pressed_something = False
             case Acknowledged(lift=lift):
@@ -245,12 +245,12 @@ class Rules:
                 pass
 
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
-        """See whether this may be accepted; a release always may."""
+        """Record an accepted request, and queue it to be judged unless it is a release or a report."""
         notes, holder, floor = self._notes[request.lift], request.holder, request.floor
         if refused is not None:
             return
         if floor != notes.floor or not request.hold_door:
-            # the release that follows may wait behind a slow answer, and its holder may request the floor again meanwhile
+            # the release may wait for a slow answer, and its holder may request the floor again meanwhile
             notes.gave_up_at[holder] = at
         if floor != notes.floor:
             notes.floor = floor
@@ -260,9 +260,9 @@ class Rules:
         truth = notes.truth
         shown_by_doors = notes.about.shows.floor_by is FloorEvidence.DOOR
         here = None if truth is None else truth.open_at if shown_by_doors else truth.at
-        # a session that stays wants the lift also without its door
+        # a session that stays needs the lift even without a door hold
         releases = not (request.hold_door or request.stays) and truth is not None and here in (floor, None)
-        # where the manager does not see the car at this floor it is a call; a robot inside releases nothing
+        # it is a call if the manager does not see the car at this floor; a robot inside releases nothing
         state = notes.state
         published_elsewhere = state is not None and state.quality is Quality.LIVE and state.floor not in (floor, None)
         is_call = not releases or (truth is not None and here is None) or published_elsewhere
@@ -270,24 +270,24 @@ class Rules:
             notes.requested_since.setdefault(holder, set()).add(floor)
         if releases or request.robot is not None:
             return
-        if request.hold_door:  # without, a floor that the car has just left may be released as well
-            # what a person did in this very instant may not be known yet
+        if request.hold_door:  # without it, the request may be a release at a floor that the car has just left
+            # judged in the next instant: an operator action of this one may not be known yet
             notes.undecided.append((at, holder, notes.session))
 
     def on_fault(self, at: float, change: FaultChange) -> None:
-        """Forget what a manager that is killed forgets; what people said is not among it."""
+        """Forget what a killed manager forgets; operator actions outlast it."""
         for notes in self._notes.values() if change.fault == STOP else ():
             notes.stopping = True
         for lift in change.fault.lifts if isinstance(change.fault, ForgottenRecords) else ():
             self._notes[lift].fire_since = self._notes[lift].locked_since = math.inf
         if isinstance(change.fault, PowerLoss) and change.began and not change.fault.outputs_held:
-            # our outputs are gone, and nobody but the lift knows that it has taken a call from them
+            # our outputs are off, and only the lift knows which calls it has taken from them
             for lift, notes in self._notes.items():
                 if change.where in (lift, *notes.about.controllers):
                     notes.standing_calls.clear()
         if change.fault == RESTART:
             for notes in self._notes.values():
-                # the session may go on, and is told then
+                # if the session continues, the manager reports that it is restored
                 notes.session, notes.floor, notes.restarted_at, notes.requested_since = None, None, at, {}
                 notes.rests_until = -math.inf
                 notes.calls.clear()
@@ -295,7 +295,7 @@ class Rules:
 
     @staticmethod
     def _was_requested(notes: _LiftNotes, name: str) -> bool:
-        """Whether the holder, or whoever takes the lift now, has asked for this since the last restart; for a call, for its floor."""
+        """Whether the holder, or any caller if there is none, has made a request since the last restart; for a call, for its floor."""
         if notes.requested_since is None:
             return True
         since = notes.requested_since
@@ -306,16 +306,16 @@ class Rules:
         return any(notes.index(floor) == index for floor in floors)
 
     def _report_own_press(self, at: float, lift: str, rule: str, text: str, name: str) -> None:
-        """Note a press that nobody asked for, unless somebody else took away what it presses: then a refresh presses it again."""
+        """Report a press without a request, unless a foreign writer cleared that output: then a refresh presses it again."""
         self._oracle.report_unless_excused(
             Finding(at, lift, rule, text, SuspectValues.OUTPUT), only=FOREIGN_WRITE_FAULTS, about=name
         )
 
     def _check_hold(self, at: float, lift: str, notes: _LiftNotes, holder: Holder, since: float) -> None:
-        """See whether the door drive is held for the robot that is invited, and was when the door was read, at `since`."""
+        """Check that the door drive is held for the invited robot, and was when the door was read, at `since`."""
         truth = notes.truth
         if truth is not None and truth.mode in MODES_WITHOUT_ROBOTS - notes.about.shows.modes:
-            # it serves no door buttons
+            # this mode serves no door buttons
             self._oracle.excuse_finding(lift, "said open and not held", unreported_mode(truth.mode))
         elif truth is not None and notes.about.holds & truth.lost:
             self._oracle.excuse_finding(lift, "said open and not held", LOST_PRESS)
@@ -328,18 +328,18 @@ class Rules:
             self._find_unless(blinded, at, lift, "said open and not held", text)
         elif since < notes.pressed_since - ROUNDING_S and at - notes.fell_at > NOTICED_WITHIN_S:
             blinded = self._oracle.was_misled(lift, since, HOLD_FAULTS)
-            text = f"for {holder}; it was read {notes.pressed_since - since:.2f} s before the hold was on"
+            text = f"for {holder}; the door was read {notes.pressed_since - since:.2f} s before the hold was on"
             self._find_unless(blinded, at, lift, "said open on a reading from before the hold", text)
 
     def _find_unless(self, blinded: str | None, at: float, lift: str, rule: str, text: str) -> None:
-        """Note a finding, or count the fault that kept the manager from knowing."""
+        """Report a finding, or count it as excused by the fault that misled the manager."""
         if blinded is None:
             self._oracle.report(at, lift, rule, text)
         else:
             self._oracle.excuse_finding(lift, rule, blinded)
 
     def _check_release(self, at: float, lift: str, notes: _LiftNotes) -> None:
-        """See whether our release shuts the door on a robot that was invited a moment ago, and did not ask for it."""
+        """Check that our release does not close the door on a robot that was invited a moment ago and has not given up."""
         truth = notes.truth
         if truth is None or notes.invited is None or at - notes.invited_at >= notes.about.clear_s - SAME_INSTANT_S:
             return
@@ -357,13 +357,13 @@ class Rules:
         )
         if truth.open_at != floor or gave_up or sudden:
             return
-        # a car that seems to have left takes its door along
+        # the manager may release the door if the car seems to have departed
         blinded = self._oracle.was_misled(lift, notes.invited_at, MISLEADING_FAULTS)
         text = f"{holder} was invited at {floor} {at - notes.invited_at:.1f} s before our release"
         self._find_unless(blinded, at, lift, "the door fell while a robot was invited", text)
 
     def _check_invitation(self, at: float, lift: str, notes: _LiftNotes, state: LiftState) -> None:
-        """Nobody is invited by a lift that a person must check, or keeps robots off."""
+        """Check that a lift invites nobody after a fire or in a lockout."""
         if at > notes.fire_since + KNOWN_WITHIN_S:
             text = f"at {state.floor}; nobody has acknowledged it"
             self._oracle.report(at, lift, "said open after a fire", text)
@@ -378,21 +378,23 @@ class Rules:
         if requested_at > notes.locked_since + KNOWN_WITHIN_S:
             self._oracle.report(at, lift, "let in despite a lockout", str(caller))
         if holder not in (None, caller) and notes.session == holder:
-            self._oracle.report(at, lift, "two holders", f"{caller} is obeyed, and {holder} holds the lift")
+            self._oracle.report(
+                at, lift, "two holders", f"the request of {caller} is accepted, and {holder} holds the lift"
+            )
 
     def _check_holder(self, at: float, event: SessionOpened | SessionRestored | HandedOver) -> None:
         notes = self._notes[event.lift]
         if notes.session not in (None, event.holder):
-            text = f"{event.holder} gets the lift, or gives it away, and {notes.session} holds it"
+            text = f"{event.holder} gets the lift or hands it over, and {notes.session} holds it"
             self._oracle.report(at, event.lift, "two holders", text)
         if isinstance(event, HandedOver):
             notes.session = event.to
             if notes.invited is not None and notes.invited[0] == event.holder:
-                # the robot in the door is the new holder's, who speaks for it from here on
+                # the robot in the door now belongs to the new holder
                 notes.invited = event.to, notes.invited[1]
             request = self._oracle.request_of(event.lift, event.holder)
             if notes.requested_since is not None and request is not None:
-                # its holder has said so itself, and the session goes on with what it wants
+                # the old holder requested this floor itself, and the session continues with it
                 notes.requested_since.setdefault(event.to, set()).add(request.floor)
         else:
             notes.session, notes.pressed_something = event.holder, isinstance(event, SessionRestored)
@@ -423,8 +425,11 @@ class Rules:
             if since_s < REPEAT_AFTER_S:
                 self._report_own_press(at, lift, "pressed again", f"{name}, {since_s:.2f} s after its last press", name)
             if self._stands(notes, key):
-                text, rule = f"{name}, and the lift still has the call of before", "pressed again after a restart"
-                # registers that stand still do not show the call, and one that nothing shows is pressed again
+                text, rule = (
+                    f"{name}, and the lift still has the call from before the restart",
+                    "pressed again after a restart",
+                )
+                # frozen registers do not show the call, and the manager presses a call again that nothing shows
                 if (blinded := self._oracle.was_misled(lift, notes.restarted_at, FROZEN_FAULTS)) is not None:
                     self._oracle.excuse_finding(lift, rule, blinded)
                 else:
@@ -433,7 +438,7 @@ class Rules:
 
     @staticmethod
     def _stands(notes: _LiftNotes, key: tuple[str, int]) -> bool:
-        """Whether a call was pressed before the last restart, and the lift still has it."""
+        """Whether the lift still has a call that was pressed before the last restart."""
         pressed_at, floors = notes.standing_calls.get(key, math.inf), notes.about.floors
         if notes.truth is None or pressed_at > notes.restarted_at or key[1] not in range(len(floors)):
             return False
@@ -441,7 +446,7 @@ class Rules:
 
 
 def _track_holds(at: float, notes: _LiftNotes, truth: Truth) -> None:
-    """Keep the book of door holds, and of calls that stand until the car is there."""
+    """Record since when door holds are on, and drop the calls that the car has served."""
     if not (notes.about.holds and notes.about.holds <= truth.obeyed):
         if not math.isinf(notes.held_since):
             notes.held_since, notes.fell_at, notes.fell_by_us = math.inf, at, False
@@ -449,7 +454,7 @@ def _track_holds(at: float, notes: _LiftNotes, truth: Truth) -> None:
         notes.held_since = at
     if not notes.about.holds <= truth.commands:
         if not math.isinf(notes.pressed_since):
-            # cleared before the drive had obeyed it: nobody can know sooner than of one that it obeyed
+            # cleared before the drive obeyed it: nobody can know this sooner than of a hold that it obeyed
             notes.fell_at = at
         notes.pressed_since = math.inf
     elif math.isinf(notes.pressed_since):

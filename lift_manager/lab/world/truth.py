@@ -1,4 +1,4 @@
-"""What simulated lifts really do, by their own physics, kept over time: the witness of every verdict."""
+"""The physical state of simulated lifts, and its history: the evidence for every verdict."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simulator.state import ShownState
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """One lift at one moment, whatever its registers show."""
+    """The physical state of one lift at one moment, whatever its registers show."""
 
     at: FloorName | None
     """The floor in whose door zone the car is."""
@@ -28,26 +28,26 @@ class Truth:
     calls: frozenset[FloorName]
     """Car calls that are registered and not served yet."""
     given: tuple[tuple[str, int], ...]
-    """What the controller is asked for over the network: command and the index of the floor, or 1."""
+    """The commands that are written in the controller's registers, each with the index of its floor, or 1."""
     passed: FloorName | None = None
-    """The floor in whose door zone the car was last: it may have come and gone between two looks."""
+    """The floor in whose door zone the car was last. The car may enter and leave a zone between two observations."""
     heading: int = 0
-    """1 upwards, -1 downwards, 0 for a car that stands."""
+    """1 upwards, -1 downwards, 0 if the car stands."""
     doors: tuple[tuple[Side, Door], ...] = ()
-    """Every door; empty where nobody looked at them one by one."""
+    """The state of every door; empty if the doors were not observed one by one."""
     fallen: frozenset[str] = frozenset()
-    """Commands that stand in the registers and that the controller does not obey: its watchdog ran out, the press was lost, the mode does
-    not serve them."""
+    """Commands in the registers that the controller does not obey: its watchdog expired, the press was lost, or the mode does not serve
+    them."""
     lost: frozenset[str] = frozenset()
-    """Of these, presses that were lost."""
+    """Those of them whose press was lost."""
     awaits: bool = False
-    """It stands open for the robot of its handshake, and says that it may enter or leave."""
+    """Whether the handshake of the lift lets the robot enter or leave now."""
     bars: frozenset[str] = frozenset()
-    """Flags by which it keeps robots off: `robots_allowed`, `watchdog_tripped`."""
+    """Flags that keep robots off now: `robots_allowed`, `watchdog_tripped`."""
     commands: frozenset[str] = field(init=False, repr=False, compare=False)
-    """Names of the commands that are present."""
+    """The names of the commands in `given`."""
     obeyed: frozenset[str] = field(init=False, repr=False, compare=False)
-    """Those of them that the controller obeys: a door hold that is not here holds no door."""
+    """The commands that the controller obeys. A door hold that is missing here holds no door."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "commands", frozenset(name for name, _ in self.given))
@@ -55,7 +55,7 @@ class Truth:
 
 
 def truth_of(face: RegisterFace, floors: Sequence[FloorName], given: Mapping[str, int]) -> Truth:
-    """Look at a lift as it is at its own time; `given` is what stands in its registers."""
+    """Return the physical state of a lift at its own time; `given` are the commands in its registers."""
     picture = face.picture
     at = picture.floor if picture.in_door_zone else None
     here = face.parameters.doors_at[at] if at is not None else frozenset()
@@ -80,7 +80,7 @@ def truth_of(face: RegisterFace, floors: Sequence[FloorName], given: Mapping[str
 
 
 def _fallen(face: RegisterFace, given: Mapping[str, int], mode: Mode) -> frozenset[str]:
-    """Return what is in the registers and not obeyed; the drive of a door may see a press one scan late."""
+    """Return the commands that are in the registers and not obeyed. The drive of a door may see a press one scan late."""
     if not given:
         return _NOTHING
     believed, lost = face.believed, face.lost
@@ -105,14 +105,14 @@ def _bars(picture: ShownState) -> frozenset[str]:
 
 
 def truth_text(truth: Truth) -> str:
-    """Say where the car is, and what it does."""
+    """Describe where the car is and what it does."""
     where = f"at {truth.at}" if truth.at is not None else "between floors"
     doors = "doors fully open" if truth.open_at is not None else "doors not fully open"
     return f"{where}, {'standing' if truth.standing else 'moving'}, {'doors shut' if truth.doors_shut else doors}"
 
 
 def starts_towards(truths: Iterable[Truth], target: FloorName, floors: Sequence[FloorName]) -> bool:
-    """Whether a car stood, and then went towards a floor. `truths` is oldest first, `floors` lowest first."""
+    """Whether a car stood and then started towards a floor. `truths` are oldest first, `floors` lowest first."""
     stood = False
     for truth in truths:
         if truth.standing:
@@ -125,7 +125,7 @@ def starts_towards(truths: Iterable[Truth], target: FloorName, floors: Sequence[
 
 
 class History:
-    """The truth about one lift over time: what was seen at each look, taken to last until the next."""
+    """The physical state of one lift over time. Each observation counts until the next one."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
@@ -133,17 +133,17 @@ class History:
 
     @property
     def last(self) -> Truth | None:
-        """The newest one; None before the first look."""
+        """The newest state; None before the first observation."""
         return self._truths[-1] if self._truths else None
 
     def add(self, at: float, truth: Truth) -> None:
-        """Note a look; one that shows what the last one showed costs nothing."""
+        """Record an observation. One that repeats the last one takes no space."""
         if not self._truths or truth != self._truths[-1]:
             self._times.append(at)
             self._truths.append(truth)
 
     def during(self, since: float, until: float) -> Iterator[Truth]:
-        """Yield every truth that held at some time in here, newest first."""
+        """Yield every state that was true at some moment between these times, newest first."""
         index = bisect_right(self._times, until) - 1
         while index >= 0:
             yield self._truths[index]
@@ -152,7 +152,7 @@ class History:
             index -= 1
 
     def floor_since(self, when: float) -> float:
-        """Since when the car was last in the zone of no other floor than at this moment."""
+        """Return since when the car had passed no other floor, as of this moment."""
         index = max(bisect_right(self._times, when) - 1, 0)
         passed = self._truths[index].passed
         while index > 0 and self._truths[index - 1].passed == passed:
@@ -160,17 +160,17 @@ class History:
         return self._times[index]
 
     def forget(self, before: float) -> None:
-        """Drop what was over by then."""
+        """Drop the states that ended before this time."""
         index = bisect_right(self._times, before) - 1
         if index > 0:
             del self._times[:index]
             del self._truths[:index]
 
     def at(self, when: float) -> Truth:
-        """Return the truth at one moment. Raises IndexError before the first look."""
+        """Return the state at one moment. Raises IndexError before the first observation."""
         index = bisect_right(self._times, when) - 1
         if index < 0:
-            raise IndexError(f"nobody had looked at {when:g} s")
+            raise IndexError(f"no observation before {when:g} s")
         return self._truths[index]
 
     def items(self) -> Iterator[tuple[float, Truth]]:

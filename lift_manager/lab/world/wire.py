@@ -1,4 +1,4 @@
-"""A wire without a network, with faults."""
+"""An in-memory wire with faults."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simulator.wire_faults import ConnectOutcome, WireFaults, faulty
 
 
 class FaultyWire(MemoryWire):
-    """The wire to one simulated controller; nobody is let in while it is off."""
+    """The wire to one simulated controller. A controller that is off the network accepts no connection."""
 
     def __init__(self, controller: MemoryController, faults: WireFaults, *, peer: str) -> None:
         self._controller = controller

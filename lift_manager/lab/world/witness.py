@@ -1,4 +1,4 @@
-"""The observers of a world: every witness receives everything that happens, in order, with the time of the loop."""
+"""The interface of observers: a world reports to every witness what happens, in order, with the time of the loop."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from simulator.wire_faults import Exchange
 RESTART = "restart"
 """The fault that a world reports when the manager is killed and restarted."""
 STOP = "stop"
-"""The fault before an orderly stop, which also releases robot mode, wherever the car is: nothing could do it later."""
+"""The fault that a world reports before an orderly stop. A stop releases robot mode wherever the car is; nothing could do so later."""
 
 
 @dataclass(frozen=True, slots=True)
 class FloorRequest:
-    """A request to a lift by a caller without sessions, in the terms of the judge."""
+    """A request to a lift, in the terms of the judge."""
 
     lift: str
     holder: Holder
@@ -30,12 +30,12 @@ class FloorRequest:
     hold_door: bool
     robot: RobotWord | None = None
     stays: bool = False
-    """Whether its session continues until it is ended."""
+    """Whether the session lasts until the caller ends it."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForgottenRecords:
-    """The fault at a restart for which the disk lacks the newest records of some lifts: a fire or a lockout may be lost."""
+    """The fault at a restart if the disk lacks the newest records of some lifts. A fire or a lockout may be lost."""
 
     lifts: tuple[str, ...]
 
@@ -45,7 +45,7 @@ class FaultChange:
     """A fault of a device, or on a wire, that began or ended."""
 
     where: str
-    """The lift, or the controller on whose wire it is."""
+    """The lift, or the controller at the end of the wire."""
     fault: object
     began: bool
 
@@ -57,13 +57,13 @@ class Witness(Protocol):
         """The physical state of a lift, whenever it may have changed."""
 
     def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
-        """A write newly gave these commands to the controller; `on_truth` with the result came just before."""
+        """A write gave these new commands to the controller. `on_truth` has just reported the result."""
 
     def on_state(self, at: float, lift: str, state: LiftState) -> None:
-        """A published state: every reply to a client, and every published change."""
+        """A state as a client gets it on request, or a published change."""
 
     def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
-        """A request on the wire, how the device handled it, and the reply, which may arrive later."""
+        """A request on the wire, what the device did with it, and the reply, which may arrive later."""
 
     def on_event(self, at: float, event: Event) -> None:
         """A published event other than a state."""

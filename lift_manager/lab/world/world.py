@@ -1,6 +1,6 @@
-"""A whole site on the time of the loop: simulated lifts, wires without a network, and the manager.
+"""A whole site on the clock of the loop: simulated lifts, in-memory wires, and the manager.
 
-On a virtual loop (`lift_manager.lab.virtual_time`) an hour takes seconds, and every run of a seed is the same.
+On a virtual loop (`lift_manager.lab.virtual_time`) an hour takes seconds, and every run with the same seed is the same.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ OBSERVE_EVERY_S = 0.25
 """How often the state of every lift is requested. Chosen: more often than any client does."""
 
 JOURNAL_ROWS = 500
-"""Journal rows that are kept. Chosen: nothing reads them here, and the usual number takes 10 MB."""
+"""How many journal rows are kept. Chosen: nothing reads them here, and the usual number takes 10 MB."""
 
 START_TIME = datetime(2026, 1, 5, 12, tzinfo=UTC)
-"""Chosen: Monday noon is within the robot hours of most sites."""
+"""When a world begins. Chosen: Monday noon is within the robot hours of most sites."""
 
 
 class WorldError(Exception):
@@ -86,8 +86,8 @@ class SimulatedLift:
     def truth(self) -> Truth:
         """The physical state; the same object while nothing changes.
 
-        Raises WorldError if the simulator obeys commands that the judge cannot read in its registers, except holds that its program
-        removes from them, as the map says.
+        Raises WorldError if the simulator obeys commands that the judge cannot find in its registers, except holds that its program
+        clears, as its map says.
         """
         face, raw = self.face, self.outputs.raw(self.face.cells)
         held_by_program = dict.fromkeys(face.cleared_holds, 1)
@@ -100,7 +100,7 @@ class SimulatedLift:
             return self._cached_truth[2]
         given = {**held_by_program, **self.outputs.decode(raw)}
         if any(given.get(name) != value for name, value in face.commands.items()):
-            raise WorldError(f"{self.name} obeys {dict(face.commands)}, and its registers ask for {dict(given)}")
+            raise WorldError(f"{self.name} obeys {dict(face.commands)}, and its registers hold {dict(given)}")
         truth = truth_of(face, self.floors, given)
         if self._cached_truth is not None and self._cached_truth[2] == truth:
             truth = self._cached_truth[2]
@@ -123,11 +123,11 @@ class World:
         disk: SimulatedDisk | None = None,
         wired: Mapping[str, RegisterMap] | None = None,
     ) -> None:
-        """Assemble the world; raises WorldError for two lifts behind one unit.
+        """Assemble the world. Raises WorldError for two lifts behind one unit.
 
-        `settings` are those of the controller of a lift, by lift; `observe_every_s` is how often states are requested; `disk` has records
-        and journal, and without it commits take no time. `wired` has the maps by which lifts are really wired, if those of the site are
-        wrong.
+        `settings` are the parameters of the simulated controllers, by lift; `observe_every_s` is how often states are requested; `disk`
+        holds records and journal, and without it commits take no time. `wired` are the maps by which lifts are really wired, where the
+        map of the site is wrong.
         """
         self.loaded = loaded
         self._wired = wired or {}
@@ -149,25 +149,25 @@ class World:
             self._controllers[name] = MemoryController(self._units[name], partial(self._after_request, behind))
         self._names = {(spec.host, spec.port): name for name, spec in loaded.controllers.items()}
         self.released = False
-        """Whether the release of every output was verified at the end."""
+        """Whether the release of every output was verified at the end of the run."""
         self.disk = disk or SimulatedDisk(keep=JOURNAL_ROWS)
-        """It outlives every manager."""
+        """Outlives every manager."""
         self._clock = clock or office_hours
         self._program: list[asyncio.Task[None]] = []
-        """The manager, task by task."""
+        """The tasks of the manager."""
         self._subscriptions = ExitStack()
         """Subscriptions to everything that the manager publishes."""
         self.site: Site
-        """The site as used by faces; a new one after a restart."""
+        """The site as faces use it; a new one after each restart."""
         self.actors: Mapping[str, LiftActor]
-        """The actor of each lift; new ones after a restart."""
+        """The actor of each lift; new ones after each restart."""
         self.links: tuple[Link, ...]
         self._life: SiteLife
         self._recorder: DiskRecorder
         self._tasks: asyncio.TaskGroup
         self._build()
 
-    # -- what a scenario does
+    # -- for scenarios
 
     def request(self, request: FloorRequest) -> RequestRefused | None:
         """Send a request to the manager, as a face does; return its refusal, or None."""
@@ -189,7 +189,7 @@ class World:
         return refused
 
     def begin(self, lift: str, fault: Fault) -> None:
-        """Let something go wrong with a lift or its controller."""
+        """Begin a fault of a lift or its controller."""
         self.lifts[lift].face.begin(fault, _now())
         self._switch(lift, fault, on=False)
         self._report_fault(FaultChange(lift, fault, began=True), (lift,))
@@ -211,7 +211,7 @@ class World:
         self._report_fault(FaultChange(controller, fault, began=False), ())
 
     def begin_disk_fault(self, fault: DiskFault) -> None:
-        """Let the disk fail."""
+        """Begin a fault of the disk."""
         self.disk.begin(fault)
         self._report_fault(FaultChange("disk", fault, began=True), ())
 
@@ -221,26 +221,26 @@ class World:
         self._report_fault(FaultChange("disk", fault, began=False), ())
 
     def set_inputs(self, lift: str, inputs: Inputs) -> None:
-        """Change what people press, hold and turn."""
+        """Set what people press, hold and turn."""
         self.lifts[lift].inputs = inputs
         self.lifts[lift].face.people(_now(), inputs)
         self._observe((lift,))
 
     def populate(self, lift: str, people: Passengers) -> None:
-        """Let passengers use a lift from now on."""
+        """Add passengers to a lift."""
         self.lifts[lift].people = people
 
     def controller(self, name: str) -> MemoryController:
         """The devices behind one address; direct writes to them count as writes of the manager."""
         return self._controllers[name]
 
-    # -- how it runs
+    # -- the run
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[World]:
-        """Run everything within the context; then release everything, as at the end of the program.
+        """Run everything within the context; then release all outputs, as at the end of the program.
 
-        Raises what a part of the manager raised.
+        Raises the error of any part of the manager.
         """
         async with asyncio.TaskGroup() as tasks:
             self._tasks = tasks
@@ -290,7 +290,7 @@ class World:
         self.actors = {actor.config.name: actor for actor in manager_parts.actors}
 
     def _start(self) -> None:
-        # subscribe before anything runs: a missed decision of a person would be missing for the rest of the day
+        # subscribe before anything runs: a missed operator action would be missing for the rest of the run
         self._subscriptions.enter_context(self.site.tap(self._publish_event))
         self._publish_states()
         parts = [*(link.run() for link in self.links), *self._life.drives(), self._life.run()]
@@ -341,7 +341,7 @@ class World:
             for witness in self._witnesses:
                 witness.on_truth(now, name, truth)
 
-    def _after_request(self, lifts: Sequence[str], wrote: bool) -> None:  # noqa: FBT001 - it is the one question
+    def _after_request(self, lifts: Sequence[str], wrote: bool) -> None:  # noqa: FBT001 - a callback with one flag
         before = {name: self._given[name] for name in lifts} if wrote else {}
         self._observe(lifts)
         for name, given in before.items():
@@ -391,7 +391,7 @@ class World:
 
 
 def office_hours() -> datetime:
-    """Return the time of day in a building where the world began at noon on a Monday."""
+    """Return the time of day in the building: the world begins on a Monday at noon."""
     return START_TIME + timedelta(seconds=_now())
 
 
