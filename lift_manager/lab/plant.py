@@ -73,9 +73,9 @@ def controllers(
 
 def blind_spots(codec: Codec) -> tuple[str, ...]:
     """Return a text about what a map does not show of its lift."""
-    told = codec.signals.keys()
-    blind = [] if "car_floor" in told else ["where the car is"]
-    return (*blind, *([] if any(name.startswith("door.") for name in told) else ["whether its door is open"]))
+    signals = codec.signals.keys()
+    blind = [] if "car_floor" in signals else ["where the car is"]
+    return (*blind, *([] if any(name.startswith("door.") for name in signals) else ["whether its door is open"]))
 
 
 def _listed(codec: Codec) -> Iterator[Collection[int]]:
@@ -92,10 +92,10 @@ def _is_expressible(codec: Codec, code: int) -> bool:
                 command.encode(code)
             except ValueError:
                 return False
-    return all(_says(signal, code) for signal in codec.signals.values() if signal.kind is Kind.FLOOR)
+    return all(_can_show(signal, code) for signal in codec.signals.values() if signal.kind is Kind.FLOOR)
 
 
-def _says(signal: SignalCodec, code: int) -> bool:
+def _can_show(signal: SignalCodec, code: int) -> bool:
     try:
         return signal.decode(signal.encode(code)) == code
     except ValueError:

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from lift_manager.lab.scenario.faults import BESIDE, DEVICE_FAULTS, READY, WIRE, model_of, people_model
+from lift_manager.lab.scenario.faults import DEVICE_FAULTS, READY, WIRE, WIRE_FAULT_KEYS, model_of, people_model
 from lift_manager.lab.scenario.schema import Scenario
 from lift_manager.lab.scenario.vocabulary import KINDS, LISTS, Field, ValueType
 from register_maps.draft_7 import draft_7_text
@@ -30,13 +30,13 @@ def json_schema() -> str:
     expectation["ordered"] = {"type": "array", "items": {"$ref": "#/$defs/Match"}, "minItems": 2}
     parts["Match"] = {"oneOf": [_match(kind, parts) for kind in KINDS]}
     step["fault"] = _named(READY, DEVICE_FAULTS, {}, parts)
-    beside = {
+    further = {
         "times": {"type": "integer", "minimum": 1},
         "probability": {"type": "number", "minimum": 0.0, "maximum": 1.0},
         "only": _part(model_of(Target), parts),
         "controller": {"type": "string"},
     }
-    step["wire"] = _named(WIRE, WIRE, {key: beside[key] for key in BESIDE}, parts)
+    step["wire"] = _named(WIRE, WIRE, {key: further[key] for key in WIRE_FAULT_KEYS}, parts)
     step["people"] = _part(people_model(), parts)
     return draft_7_text(schema)
 
@@ -53,18 +53,18 @@ def _match(kind: str, parts: Json) -> Json:
 
 
 def _field(name: str, field: Field, parts: Json) -> Json:
-    """Return one field; what may stand there is said once, under the name of its words or of its sort."""
+    """Return one field. Its possible values are defined once, under the name of its choices or of its type."""
     if field.words:
         parts[name] = _values({"enum": list(field.words)}, field.sort)
     shared = name if field.words else f"any_{field.sort.name.lower()}"
     parts.setdefault(shared, _values(_TYPES.get(field.sort, {"type": "string"}), field.sort))
     many = " (any of several)" if field.sort in LISTS else ""
-    # in draft 7 a `$ref` silences its neighbours, the description among them
+    # draft 7 ignores the siblings of a `$ref`, descriptions included
     return {"description": field.about + many, "allOf": [{"$ref": f"#/$defs/{shared}"}]}
 
 
 def _values(value: Json, sort: ValueType) -> Json:
-    """Return what may stand for a value: itself, nothing, any of a list, or a comparison."""
+    """Return the forms of a value: itself, null, a list of alternatives, or a comparison."""
     one = {"enum": [*value["enum"], None]} if "enum" in value else {"anyOf": [value, {"type": "null"}]}
     some = [one, {"type": "array", "items": one, "minItems": 1}]
     compared: Json = {"not": {"anyOf": some}}
@@ -76,16 +76,16 @@ def _values(value: Json, sort: ValueType) -> Json:
     return {"anyOf": [*some, comparison]}
 
 
-def _named(words: Iterable[str], kinds: Mapping[str, type], beside: Json, parts: Json) -> Json:
-    """Return a fault: by its name alone, or as a table with what there is to say about it."""
+def _named(words: Iterable[str], kinds: Mapping[str, type], further: Json, parts: Json) -> Json:
+    """Return a fault: its name alone, or a table with its values."""
     tables = []
     for name, kind in kinds.items():
         model = model_of(kind)
         own = _part(model, parts)
-        told: list[Json] = [own]
+        values: list[Json] = [own]
         if (first := next(iter(model.model_fields), None)) is not None:
-            told.append(parts[model.__name__]["properties"][first])
-        table: Json = {"type": "object", "required": [name], "properties": {name: {"anyOf": told}, **beside}}
+            values.append(parts[model.__name__]["properties"][first])
+        table: Json = {"type": "object", "required": [name], "properties": {name: {"anyOf": values}, **further}}
         tables.append({**table, "additionalProperties": False})
     return {"anyOf": [{"enum": list(words)}, *tables]}
 

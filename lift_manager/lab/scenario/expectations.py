@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from lift_manager.lab.scenario.assertions import Count, Demand, Eventually, Never, Ordered, While, Window
 from lift_manager.lab.scenario.matching import Match, read_match
 from lift_manager.lab.scenario.mistakes import Mistakes
-from lift_manager.lab.scenario.schema import DEMANDS, GOES_WITH_IN_EXPECTATION, Expectation, Scenario
-from lift_manager.lab.scenario.steps import check_company, lift_of, one_of
+from lift_manager.lab.scenario.schema import DEMANDS, EXPECTATION_KEY_NEEDS, Expectation, Scenario
+from lift_manager.lab.scenario.steps import check_key_needs, lift_of, one_of
 from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.source import KeyPath
 
@@ -38,12 +38,12 @@ def read_expectations(
     raw = mistakes.source.data
     listed = raw.get("expect") if isinstance(raw, dict) else None
     if listed == []:
-        mistakes.say(("expect",), "is empty; say what must be so")
+        mistakes.add(("expect",), "is empty; say what must be so")
     if scenario is None:
-        for index, said in enumerate(listed if isinstance(listed, list) else ()):
-            for key in ("never", "eventually", "count", "while", "after") if isinstance(said, dict) else ():
-                if key in said:
-                    read_match(said[key], ("expect", index, key), mistakes, None)
+        for index, one in enumerate(listed if isinstance(listed, list) else ()):
+            for key in ("never", "eventually", "count", "while", "after") if isinstance(one, dict) else ():
+                if key in one:
+                    read_match(one[key], ("expect", index, key), mistakes, None)
         return ()
     found = [_expected(index, one, scenario, lifts, mistakes) for index, one in enumerate(scenario.expect)]
     return tuple(one for one in found if one is not None)
@@ -55,7 +55,7 @@ def _expected(
     path: KeyPath = ("expect", index)
     before = len(mistakes.findings)
     given = {key.rstrip("_") for key in one.model_fields_set if getattr(one, key) is not None}
-    check_company(given, GOES_WITH_IN_EXPECTATION, path, mistakes)
+    check_key_needs(given, EXPECTATION_KEY_NEEDS, path, mistakes)
     kind = one_of(given, DEMANDS, path, mistakes)
     everywhere = kind == "never" and one.lift is None
     named = tuple(lifts) if everywhere else (lift_of(one.lift, lifts, path, mistakes),)
@@ -73,9 +73,9 @@ def _check_times(one: Expectation, path: KeyPath, scenario: Scenario, mistakes: 
     for key in ("after_s", "before_s", "within_s"):
         value = getattr(one, key)
         if value is not None and value > scenario.lasts_s:
-            mistakes.say((*path, key), f"is more than the scenario lasts: {scenario.lasts_s:g} s")
+            mistakes.add((*path, key), f"is more than the scenario lasts: {scenario.lasts_s:g} s")
     if one.after_s is not None and one.before_s is not None and one.after_s >= one.before_s:
-        mistakes.say((*path, "before_s"), f"must be more than after_s, which is {one.after_s:g}")
+        mistakes.add((*path, "before_s"), f"must be more than after_s, which is {one.after_s:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class _Reader:
         if kind == "ordered":
             several = self.one.ordered or ()
             if len(several) < 2:
-                self.mistakes.say((*self.path, "ordered"), f"must have at least 2 matches, not {len(several)}")
+                self.mistakes.add((*self.path, "ordered"), f"must have at least 2 matches, not {len(several)}")
             listed = [self._match(raw, ("ordered", place)) for place, raw in enumerate(several)]
             return Ordered(tuple(match for match in listed if match is not None))
         match = self._match(getattr(self.one, kind), (kind,))
@@ -109,19 +109,19 @@ class _Reader:
         if self.one.while_ is None or (match := self._match(self.one.while_, ("while",))) is None:
             return None
         if not match.lasts:
-            self.mistakes.say((*self.path, "while"), f"a {match.kind} is over in a moment; {_LASTING}")
+            self.mistakes.add((*self.path, "while"), f"a {match.kind} is over in a moment; {_LASTING}")
         return While(match, self.one.settled_s or 0.0)
 
     def _count(self, match: Match | None, during: While | None) -> Count | None:
         at_least, at_most, exactly = self.one.at_least, self.one.at_most, self.one.exactly
         if exactly is not None:
             if at_least is not None or at_most is not None:
-                self.mistakes.say((*self.path, "exactly"), "leaves nothing to at_least and at_most; remove one")
+                self.mistakes.add((*self.path, "exactly"), "leaves nothing to at_least and at_most; remove one")
             at_least = at_most = exactly
         elif at_least is None and at_most is None:
-            self.mistakes.say((*self.path, "count"), "must stand beside at_least, at_most or exactly")
+            self.mistakes.add((*self.path, "count"), "must stand beside at_least, at_most or exactly")
         elif at_least == 0 and at_most is None:
-            self.mistakes.say((*self.path, "at_least"), "of 0 is always so")
+            self.mistakes.add((*self.path, "at_least"), "of 0 is always so")
         return None if match is None else Count(match, at_least, at_most, during)
 
 

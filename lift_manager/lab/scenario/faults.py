@@ -25,8 +25,8 @@ READY: Mapping[str, Fault] = {fault_name(fault): fault for fault in every_device
 """Faults that need no more than their name, such as `in_mode.fire`."""
 WIRE: Mapping[str, type[WireFault]] = {kind_name(kind): kind for kind in WIRE_FAULTS}
 
-BESIDE = ("times", "probability", "only", "controller")
-"""What may stand beside the name of a fault on the wire. When it begins and ends is said by its step."""
+WIRE_FAULT_KEYS = ("times", "probability", "only", "controller")
+"""Keys that may accompany the name of a fault on the wire. Its step determines when it begins and ends."""
 _OF_THE_WIRE = frozenset(field.name for field in fields(Limits)) | {"on"}
 
 
@@ -34,7 +34,7 @@ class _Strict(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class _Beside(_Strict):
+class _WireFaultKeys(_Strict):
     times: int | None = None
     probability: float = 1.0
     controller: str | None = None
@@ -71,16 +71,16 @@ def read_fault(raw: object, path: KeyPath, mistakes: Mistakes, floors: Sequence[
     named = _named(raw, path, mistakes, _Names("fault", (*READY, *DEVICE_FAULTS), (), DEVICE_FAULTS))
     if named is None:
         return None
-    name, said = named
+    name, given = named
     kind = DEVICE_FAULTS[name]
-    values = _values(kind, said, (*path, name) if isinstance(raw, dict) else path, mistakes)
+    values = _values(kind, given, (*path, name) if isinstance(raw, dict) else path, mistakes)
     if values is None:
         return None
     if kind is ForeignWriter and values["floor"] is not None:
         if floors is None:
             return None
         if values["floor"] not in floors:
-            mistakes.say((*path, name, "floor"), f"no floor {values['floor']!r}; there is {', '.join(floors)}")
+            mistakes.add((*path, name, "floor"), f"no floor {values['floor']!r}; there is {', '.join(floors)}")
             return None
         values["floor"] = floors.index(values["floor"])
     made: Fault | None = _made(kind, values, path, mistakes)
@@ -90,22 +90,22 @@ def read_fault(raw: object, path: KeyPath, mistakes: Mistakes, floors: Sequence[
 def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> WireFaultSpec | None:
     """Read a fault on the wire: `half_open`, `{delay: 0.5}` or `{late_answer: {seconds: 0.8}, times: 3, only: {access: reads}}`."""
     if isinstance(raw, dict) and "on" in raw:
-        mistakes.say((*path, "on"), "is `only` in a scenario, because YAML reads `on` as yes", instead=True)
+        mistakes.add((*path, "on"), "is `only` in a scenario, because YAML reads `on` as yes", replace=True)
         raw = {key: value for key, value in raw.items() if key != "on"}
-    given = {key: value for key, value in raw.items() if key not in BESIDE} if isinstance(raw, dict) else raw
-    beside = {key: raw[key] for key in BESIDE if key in raw} if isinstance(raw, dict) else {}
-    named = _named(given, path, mistakes, _Names("fault on the wire", tuple(WIRE), BESIDE, WIRE))
-    target = _target(beside.pop("only"), (*path, "only"), mistakes) if "only" in beside else None
-    limits = mistakes.model(beside, path, _Beside)
+    given = {key: value for key, value in raw.items() if key not in WIRE_FAULT_KEYS} if isinstance(raw, dict) else raw
+    further = {key: raw[key] for key in WIRE_FAULT_KEYS if key in raw} if isinstance(raw, dict) else {}
+    named = _named(given, path, mistakes, _Names("fault on the wire", tuple(WIRE), WIRE_FAULT_KEYS, WIRE))
+    target = _target(further.pop("only"), (*path, "only"), mistakes) if "only" in further else None
+    limits = mistakes.model(further, path, _WireFaultKeys)
     if named is None or limits is None:
         return None
-    name, said = named
+    name, given = named
     kind = WIRE[name]
-    values = _values(kind, said, (*path, name) if isinstance(raw, dict) else path, mistakes)
+    values = _values(kind, given, (*path, name) if isinstance(raw, dict) else path, mistakes)
     if values is None:
         return None
     if target is not None and issubclass(kind, ConnectionFault):
-        mistakes.say((*path, "only"), f"{name} strikes connections, and they are no requests; remove this line")
+        mistakes.add((*path, "only"), f"{name} strikes connections, and they are no requests; remove this line")
         return None
     values |= {"times": limits.times, "probability": limits.probability} | ({} if target is None else {"on": target})
     made: WireFault | None = _made(kind, values, path, mistakes)
@@ -115,7 +115,7 @@ def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> WireFaultSpec |
 def read_people(raw: object, path: KeyPath, mistakes: Mistakes) -> tuple[int | None, Traffic] | None:
     """Read the seed of people, None for the scenario's own, and how they behave; `{}` is how they usually do."""
     if not isinstance(raw, dict):
-        mistakes.say(path, "must be a table of keys, such as {per_minute: 6}; {} is the usual traffic")
+        mistakes.add(path, "must be a table of keys, such as {per_minute: 6}; {} is the usual traffic")
         return None
     found = mistakes.model(raw, path, people_model())
     if found is None:
@@ -136,45 +136,45 @@ def people_model() -> type[BaseModel]:
 class _Names:
     what: str
     allowed: tuple[str, ...]
-    beside: tuple[str, ...]
+    further_keys: tuple[str, ...]
     kinds: Mapping[str, type]
 
 
 def _named(raw: object, path: KeyPath, mistakes: Mistakes, names: _Names) -> tuple[str, object] | None:
-    """Return the name of a fault, and what is said about it."""
+    """Return the name of a fault, and the values that are given for it."""
     if isinstance(raw, str):
         if raw in names.kinds:
             return raw, {}
-        mistakes.say(path, _no_such(raw, names))
+        mistakes.add(path, _no_such(raw, names))
         return None
     if not isinstance(raw, dict) or not raw:
-        mistakes.say(path, f"must name a {names.what}; there is {', '.join(sorted(set(names.allowed)))}")
+        mistakes.add(path, f"must name a {names.what}; there is {', '.join(sorted(set(names.allowed)))}")
         return None
     unknown = [str(key) for key in raw if key not in names.kinds]
     for key in unknown:
         hint = "; name it by itself, as text" if key in READY else ""
-        mistakes.say((*path, key), f"{_no_such(key, names)}{hint}")
+        mistakes.add((*path, key), f"{_no_such(key, names)}{hint}")
     known = [str(key) for key in raw if key in names.kinds]
     if len(known) > 1:
-        mistakes.say((*path, known[1]), f"one step has one fault, and {known[0]} is it already; write another step")
+        mistakes.add((*path, known[1]), f"one step has one fault, and {known[0]} is it already; write another step")
     return (known[0], raw[known[0]]) if len(known) == 1 and not unknown else None
 
 
 def _no_such(word: str, names: _Names) -> str:
-    hint = closest(word, (*names.allowed, *names.beside)) or f"; there is {', '.join(sorted(set(names.allowed)))}"
+    hint = closest(word, (*names.allowed, *names.further_keys)) or f"; there is {', '.join(sorted(set(names.allowed)))}"
     return f"no {names.what} has this name{hint}"
 
 
-def _values(kind: type, said: object, path: KeyPath, mistakes: Mistakes) -> dict[str, Any] | None:
-    """Return the values of its fields; one that is not a table is that of the first."""
+def _values(kind: type, given: object, path: KeyPath, mistakes: Mistakes) -> dict[str, Any] | None:
+    """Return the values of its fields. A value that is not a table is that of the first field."""
     model = model_of(kind)
-    if not isinstance(said, dict):
+    if not isinstance(given, dict):
         first = next(iter(model.model_fields), None)
         if first is None:
-            mistakes.say(path, f"has no values; write {kind_name(kind)}: {{}}")
+            mistakes.add(path, f"has no values; write {kind_name(kind)}: {{}}")
             return None
-        said = {first: said}
-    found = mistakes.model(said, path, model)
+        given = {first: given}
+    found = mistakes.model(given, path, model)
     return None if found is None else dict(found)
 
 
@@ -187,5 +187,5 @@ def _made(kind: type, values: Mapping[str, Any], path: KeyPath, mistakes: Mistak
     try:
         return kind(**values)
     except ValueError as error:
-        mistakes.say(path, str(error))
+        mistakes.add(path, str(error))
         return None

@@ -86,13 +86,13 @@ def _objection(codec: Codec, floors: Mapping[str, int], fault: Fault) -> str:
 
 def _site(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite | None:
     if (scenario.map is None) == (scenario.site is None):
-        mistakes.say((), "names either a `map`, for one lift, or a `site`")
+        mistakes.add((), "names either a `map`, for one lift, or a `site`")
         return None
     if scenario.site is None:
         return _one_lift(scenario, near, mistakes)
     for key in _NOT_WITH_SITE:
         if key in scenario.model_fields_set:
-            mistakes.say((key,), "is said by the site file; remove it here, or name a `map`")
+            mistakes.add((key,), "is said by the site file; remove it here, or name a `map`")
     try:
         return _at_any_hour(load_site(near / scenario.site))
     except MapFileError as error:
@@ -117,12 +117,12 @@ def _one_lift(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite 
         _take_over(("map",), error, mistakes)
         return None
     except ValueError as error:
-        mistakes.say(("map",), str(error).replace("--floors", "`floors`"))
+        mistakes.add(("map",), str(error).replace("--floors", "`floors`"))
         return None
     site = Site.model_validate(_site_of(scenario, loaded, floors))
     problems = check_site(site, {LIFT: loaded}, {}, {})
     for problem in problems:
-        mistakes.say(_here(problem.key, scenario), problem.message)
+        mistakes.add(_here(problem.key, scenario), problem.message)
     return None if problems else LoadedSite(site, {LIFT: loaded}, Path(mistakes.source.file))
 
 
@@ -159,7 +159,7 @@ def _take_over(key: KeyPath, error: MapFileError, mistakes: Mistakes) -> None:
     """Keep findings where they are in their own file; a file that cannot be found is a mistake of this one."""
     for finding in error.findings:
         if finding.line is None:
-            mistakes.say(key, finding.message)
+            mistakes.add(key, finding.message)
         else:
             mistakes.findings.append(finding)
 

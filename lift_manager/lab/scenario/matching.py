@@ -47,14 +47,14 @@ class Condition:
         return (self.above is None or value > self.above) and (self.below is None or value < self.below)
 
     def __str__(self) -> str:
-        said = [
+        parts = [
             "" if self.any_of is None else " or ".join(map(_shown, self.any_of)),
             "" if self.none_of is None else "not " + " or ".join(map(_shown, self.none_of)),
             "" if self.above is None else f"above {self.above:g}",
             "" if self.below is None else f"below {self.below:g}",
             "" if self.contains is None else f"with {self.contains!r}",
         ]
-        return " and ".join(word for word in said if word)
+        return " and ".join(part for part in parts if part)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,22 +76,24 @@ class Match:
         return all(condition.holds(entry.fields[name]) for name, condition in self.conditions.items())
 
     def __str__(self) -> str:
-        return " ".join([self.kind, ", ".join(f"{name} {said}" for name, said in self.conditions.items())]).strip()
+        return " ".join(
+            [self.kind, ", ".join(f"{name} {condition}" for name, condition in self.conditions.items())]
+        ).strip()
 
 
 def read_match(raw: object, path: KeyPath, mistakes: Mistakes, floors: tuple[str, ...] | None) -> Match | None:
     """Read a match from a file; None where it has mistakes. `floors` are those of its lift, where they are known."""
     if not isinstance(raw, dict):
-        mistakes.say(path, "must be a match, such as {kind: state, robot_door: open}")
+        mistakes.add(path, "must be a match, such as {kind: state, robot_door: open}")
         return None
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         there = f"; there is {', '.join(KINDS)}"
         hint = (closest(kind, KINDS) if isinstance(kind, str) else "") or there
         if "kind" in raw:
-            mistakes.say((*path, "kind"), f"must be a kind of entry, not {kind!r}{hint}")
+            mistakes.add((*path, "kind"), f"must be a kind of entry, not {kind!r}{hint}")
         else:
-            mistakes.say(path, f"must say of which `kind` of entry{there}")
+            mistakes.add(path, f"must say of which `kind` of entry{there}")
         return None
     fields, before = KINDS[kind].fields, len(mistakes.findings)
     conditions = {}
@@ -100,7 +102,7 @@ def read_match(raw: object, path: KeyPath, mistakes: Mistakes, floors: tuple[str
             continue
         if name not in fields:
             hint = closest(str(name), fields) or f"; it has {', '.join(fields)}"
-            mistakes.say((*path, name), f"{kind} has no such field{hint}")
+            mistakes.add((*path, name), f"{kind} has no such field{hint}")
             continue
         conditions[str(name)] = _condition(value, (*path, name), _Reading(fields[name], mistakes, floors))
     return Match(kind, conditions) if len(mistakes.findings) == before else None
@@ -115,7 +117,7 @@ class _Reading:
     def values(self, raw: object, path: KeyPath) -> tuple[Value, ...]:
         if isinstance(raw, list):
             if not raw:
-                self.mistakes.say(path, "an empty list matches nothing; `null` means nothing is there")
+                self.mistakes.add(path, "an empty list matches nothing; `null` means nothing is there")
             return tuple(self.value(item, (*path, index)) for index, item in enumerate(raw))
         return (self.value(raw, path),)
 
@@ -127,15 +129,15 @@ class _Reading:
         if sort in _SORTS:
             is_right = isinstance(raw, bool) if sort is ValueType.FLAG else _is_number(raw)
             if not is_right:
-                self.mistakes.say(path, f"must be {_SORTS[sort]}, not {raw!r}")
+                self.mistakes.add(path, f"must be {_SORTS[sort]}, not {raw!r}")
             return raw if isinstance(raw, bool | int | float) else None
         if not isinstance(raw, str):
-            self.mistakes.say(path, f'must be text, not {raw!r}; quote it: "{raw}"')
+            self.mistakes.add(path, f'must be text, not {raw!r}; quote it: "{raw}"')
             return None
         if sort is ValueType.WORD and raw not in words:
-            self.mistakes.say(path, f"must be one of {', '.join(words)}, not {raw!r}{closest(raw, words)}")
+            self.mistakes.add(path, f"must be one of {', '.join(words)}, not {raw!r}{closest(raw, words)}")
         if sort in (ValueType.FLOOR, ValueType.FLOORS) and self.floors is not None and raw not in self.floors:
-            self.mistakes.say(path, f"no floor {raw!r}; there is {', '.join(self.floors)}")
+            self.mistakes.add(path, f"no floor {raw!r}; there is {', '.join(self.floors)}")
         return raw
 
 
@@ -143,12 +145,12 @@ def _condition(raw: object, path: KeyPath, reading: _Reading) -> Condition:
     if not isinstance(raw, dict):
         return Condition(any_of=reading.values(raw, path))
     if not raw:
-        reading.mistakes.say(path, f"must have one of {', '.join(COMPARISONS)}")
+        reading.mistakes.add(path, f"must have one of {', '.join(COMPARISONS)}")
     found: dict[str, Any] = {}
     for name, value in raw.items():
         here = (*path, name)
         if name not in COMPARISONS:
-            reading.mistakes.say(here, f"is no comparison; there is {', '.join(COMPARISONS)}")
+            reading.mistakes.add(here, f"is no comparison; there is {', '.join(COMPARISONS)}")
         elif name == "not":
             found["none_of"] = reading.values(value, here)
         elif name == "contains":
@@ -161,17 +163,17 @@ def _condition(raw: object, path: KeyPath, reading: _Reading) -> Condition:
 def _contained(raw: object, path: KeyPath, reading: _Reading) -> str:
     if reading.field.sort is not ValueType.TEXT:
         many = "; a list matches when one of its entries does" if reading.field.sort in LISTS else ""
-        reading.mistakes.say(path, f"only text contains something, and this is {reading.field.sort}{many}")
+        reading.mistakes.add(path, f"only text contains something, and this is {reading.field.sort}{many}")
     if not isinstance(raw, str) or not raw:
-        reading.mistakes.say(path, "must be the text to look for")
+        reading.mistakes.add(path, "must be the text to look for")
     return str(raw)
 
 
 def _bound(raw: object, path: KeyPath, reading: _Reading) -> float:
     if reading.field.sort is not ValueType.NUMBER:
-        reading.mistakes.say(path, f"only numbers are above or below, and this is {reading.field.sort}")
+        reading.mistakes.add(path, f"only numbers are above or below, and this is {reading.field.sort}")
     if not _is_number(raw):
-        reading.mistakes.say(path, f"must be a number, not {raw!r}")
+        reading.mistakes.add(path, f"must be a number, not {raw!r}")
     return float(raw) if isinstance(raw, int | float) else 0.0
 
 

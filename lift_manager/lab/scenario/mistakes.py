@@ -23,10 +23,10 @@ class Mistakes:
     source: Source
     findings: list[Finding] = field(default_factory=list)
 
-    def say(self, path: KeyPath, message: str, *, instead: bool = False) -> None:
-        """Add a mistake at its place; a second one there follows from the first and is left out, unless it is told instead."""
+    def add(self, path: KeyPath, message: str, *, replace: bool = False) -> None:
+        """Add a mistake at its place. A second one there follows from the first and is left out, unless it is to replace the first."""
         finding = self.source.finding(path, message)
-        if instead:
+        if replace:
             self.findings = [known for known in self.findings if (known.line, known.key) != (finding.line, finding.key)]
         if all((finding.line, finding.key) != (known.line, known.key) for known in self.findings):
             self.findings.append(finding)
@@ -39,7 +39,7 @@ class Mistakes:
             schema, written = model.model_json_schema(), _below(self.source.written, path)
             for entry in error.errors(include_url=False):
                 place, message = explain_error(entry, schema, raw, written)
-                self.say((*path, *place), message)
+                self.add((*path, *place), message)
             return None
 
 

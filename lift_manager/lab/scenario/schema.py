@@ -169,7 +169,7 @@ class Scenario(_Part):
     expect: tuple[Expectation, ...]
 
 
-DOINGS = (
+ACTIONS = (
     "request",
     "robot",
     "fault",
@@ -182,18 +182,18 @@ DOINGS = (
     "drain",
     "end_drain",
 )
-"""What a step can do; one of them."""
+"""What a step can do: exactly one of these."""
 DEMANDS = ("never", "eventually", "ordered", "count")
-"""What an expectation can demand; one of them."""
-GOES_WITH_IN_STEP = {
+"""What an expectation can demand: exactly one of these."""
+STEP_KEY_NEEDS = {
     "within_s": ("when",),
     "wait_s": ("when",),
     "for_s": ("every_s", "fault", "wire", "inputs"),
     "every_s": ("request",),
     "until": ("every_s",),
 }
-"""Keys of a step that make sense only beside one of others."""
-GOES_WITH_IN_EXPECTATION = {
+"""Keys of a step that need one of certain other keys."""
+EXPECTATION_KEY_NEEDS = {
     "within_s": ("eventually",),
     "while": ("never", "count"),
     "settled_s": ("while",),
@@ -202,4 +202,4 @@ GOES_WITH_IN_EXPECTATION = {
     "at_most": ("count",),
     "exactly": ("count",),
 }
-"""Keys of an expectation that do."""
+"""Keys of an expectation that need one of certain other keys."""

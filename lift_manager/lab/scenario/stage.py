@@ -11,7 +11,7 @@ from lift_manager.lab.scenario.schema import Inputs as Pressed
 from lift_manager.lab.scenario.schema import Robot
 from lift_manager.lab.scenario.steps import PlannedStep
 from lift_manager.lab.scenario.trace import Entry, Recorder, holder_of, reply_fields
-from lift_manager.lab.scenario.vocabulary import Person, RequestedDoor, RobotProgress
+from lift_manager.lab.scenario.vocabulary import OperatorAction, RequestedDoor, RobotProgress
 from lift_manager.lab.world.witness import FloorRequest
 from lift_manager.lab.world.world import World
 from lift_manager.lift.observation import RobotDoor
@@ -56,7 +56,7 @@ class Stage:
     def problems(self, steps: Iterable[PlannedStep]) -> list[str]:
         """Return the steps that were not carried out because their condition did not occur."""
         return [
-            f"line {one.line}: {one.does} was not done: {one.parts.when} did not come about"
+            f"line {one.line}: {one.action} was not done: {one.parts.when} did not come about"
             + (f" within {one.step.within_s:g} s" if one.step.within_s is not None else " in time")
             for one in steps
             if one not in self._started
@@ -148,19 +148,19 @@ class Stage:
         def indices(floors: tuple[str, ...]) -> frozenset[int]:
             return frozenset(map(lift.floors.index, floors))
 
-        requested = Inputs(
+        added = Inputs(
             car_buttons=indices(pressed.car_buttons),
             landing_buttons=indices(pressed.landing_buttons),
             hold_door=frozenset(pressed.hold_door),
             close_door=frozenset(pressed.close_door),
             obstruction=frozenset(pressed.obstruction),
         )
-        self._set_inputs(planned.lift, [*self._pressed[planned.lift], requested])
+        self._set_inputs(planned.lift, [*self._pressed[planned.lift], added])
         if planned.step.for_s is not None:
             await asyncio.sleep(planned.step.for_s)
-            report = list(self._pressed[planned.lift])
-            report.remove(requested)
-            self._set_inputs(planned.lift, report)
+            remaining = list(self._pressed[planned.lift])
+            remaining.remove(added)
+            self._set_inputs(planned.lift, remaining)
 
     def _set_inputs(self, lift: str, pressed: list[Inputs]) -> None:
         """Replace the inputs of the steps; those of simulated people stay."""
@@ -181,28 +181,28 @@ class Stage:
         site, step, lift = self._world.site, planned.step, planned.lift
         if (one := step.acknowledge) is not None:
             by = one.by
-            self._decide(lift, Person.ACKNOWLEDGE, by, lambda: site.acknowledge(lift, by))
+            self._send(lift, OperatorAction.ACKNOWLEDGE, by, lambda: site.acknowledge(lift, by))
         elif (lockout := step.lock_out) is not None:
             by, reason = lockout.by, lockout.reason
-            self._decide(lift, Person.LOCK_OUT, by, lambda: site.lock_out(lift, by, reason))
+            self._send(lift, OperatorAction.LOCK_OUT, by, lambda: site.lock_out(lift, by, reason))
         elif (one := step.end_lockout) is not None:
             by = one.by
-            self._decide(lift, Person.END_LOCKOUT, by, lambda: site.end_lockout(lift, by))
+            self._send(lift, OperatorAction.END_LOCKOUT, by, lambda: site.end_lockout(lift, by))
         elif (drain := step.drain) is not None:
             by, reason = drain.by, drain.reason
-            self._decide(lift, Person.DRAIN, by, lambda: site.begin_drain(lift, by, reason))
+            self._send(lift, OperatorAction.DRAIN, by, lambda: site.begin_drain(lift, by, reason))
         elif (one := step.end_drain) is not None:
             by = one.by
-            self._decide(lift, Person.END_DRAIN, by, lambda: site.end_drain(lift, by))
+            self._send(lift, OperatorAction.END_DRAIN, by, lambda: site.end_drain(lift, by))
 
-    def _decide(self, lift: str, says: Person, by: str, decide: Callable[[], object]) -> None:
+    def _send(self, lift: str, action: OperatorAction, by: str, send: Callable[[], object]) -> None:
         refused = None
         try:
-            decide()
+            send()
         except RequestRefused as error:
             refused = error
         now = asyncio.get_running_loop().time()
-        self._recorder.note(now, lift, "person", {"says": says, "by": by, **reply_fields(refused)})
+        self._recorder.note(now, lift, "person", {"says": action, "by": by, **reply_fields(refused)})
 
 
 def _combined(pressed: Iterable[Inputs]) -> Inputs:
@@ -228,7 +228,7 @@ class _SimulatedRobot:
 
     async def go(self) -> None:
         robot = self._robot
-        report_word = RobotWord.IN_PLACE if robot.in_words else None
+        in_place = RobotWord.IN_PLACE if robot.in_words else None
         try:
             async with asyncio.timeout(robot.gives_up_after_s):
                 self._record_progress(RobotProgress.CALLS, robot.from_)
@@ -236,20 +236,20 @@ class _SimulatedRobot:
                 self._record_progress(RobotProgress.ENTERS, robot.from_)
                 await self._walk(robot.from_)
                 self._record_progress(RobotProgress.RIDES, robot.to)
-                await self._until_open(robot.to, report_word)
+                await self._until_open(robot.to, in_place)
                 self._record_progress(RobotProgress.LEAVES, robot.to)
                 await self._walk(robot.to)
                 self._record_progress(RobotProgress.DONE, robot.to)
         except TimeoutError:
             self._record_progress(RobotProgress.GIVES_UP, robot.to)
-            report_word = None
+            in_place = None
         if robot.releases:
-            report = RobotWord.LEFT if report_word is not None else None
+            report = RobotWord.LEFT if in_place is not None else None
             self._world.request(FloorRequest(self._lift, self._holder, robot.to, hold_door=False, robot=report))
 
-    async def _until_open(self, floor: str, report_word: RobotWord | None) -> None:
+    async def _until_open(self, floor: str, report: RobotWord | None) -> None:
         while True:
-            self._world.request(FloorRequest(self._lift, self._holder, floor, hold_door=True, robot=report_word))
+            self._world.request(FloorRequest(self._lift, self._holder, floor, hold_door=True, robot=report))
             for _ in range(round(REQUEST_EVERY_S / CHECK_STATE_EVERY_S)):
                 await asyncio.sleep(CHECK_STATE_EVERY_S)
                 if self._invited(self._holder, floor):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from lift_manager.lab.scenario.faults import WireFaultSpec, read_fault, read_people, read_wire
 from lift_manager.lab.scenario.matching import Match, read_match
 from lift_manager.lab.scenario.mistakes import Mistakes
-from lift_manager.lab.scenario.schema import DOINGS, GOES_WITH_IN_STEP, Scenario, Step
+from lift_manager.lab.scenario.schema import ACTIONS, STEP_KEY_NEEDS, Scenario, Step
 from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.source import KeyPath
 from simulator.faults import Fault, ForeignCell, ForeignWriter
@@ -33,8 +33,8 @@ class PlannedStep:
 
     line: int
     """Where it stands in the file."""
-    does: str
-    """One of `schema.DOINGS`."""
+    action: str
+    """One of `schema.ACTIONS`."""
     step: Step
     lift: str
     parts: Parts
@@ -46,13 +46,12 @@ def read_steps(
     """Read the timeline; what is wrong with it is added to the mistakes. Without lifts, names are not checked."""
     raw = mistakes.source.data
     listed = raw.get("do") if isinstance(raw, dict) else None
-    for index, said in enumerate(listed if isinstance(listed, list) else ()):
-        if isinstance(said, dict) and scenario is None:
-            _parts(
-                said, ("do", index), mistakes, None
-            )  # the file is not a scenario yet, and these have their own words
+    for index, step in enumerate(listed if isinstance(listed, list) else ()):
+        if isinstance(step, dict) and scenario is None:
+            # the models have refused the file; these parts have readers of their own, which add their mistakes
+            _parts(step, ("do", index), mistakes, None)
     if listed == []:
-        mistakes.say(("do",), "is empty; say what happens")
+        mistakes.add(("do",), "is empty; say what happens")
     if scenario is None:
         return ()
     planned = [_planned(index, step, scenario, lifts, mistakes) for index, step in enumerate(scenario.do)]
@@ -62,23 +61,21 @@ def read_steps(
 def lift_of(lift: str | None, lifts: Mapping[str, TracedLift], path: KeyPath, mistakes: Mistakes) -> str:
     """Return which lift is meant; where there are several, it has to be said."""
     if lift is None and len(lifts) > 1:
-        mistakes.say(path, f"must say which `lift`; there is {', '.join(lifts)}")
+        mistakes.add(path, f"must say which `lift`; there is {', '.join(lifts)}")
     if lift is not None and lifts and lift not in lifts:
-        mistakes.say((*path, "lift"), f"no lift {lift!r}; there is {', '.join(lifts)}")
+        mistakes.add((*path, "lift"), f"no lift {lift!r}; there is {', '.join(lifts)}")
     return lift if lift is not None else next(iter(lifts), "")
 
 
-def check_company(
-    given: Iterable[str], goes_with: Mapping[str, tuple[str, ...]], path: KeyPath, mistakes: Mistakes
+def check_key_needs(
+    given: Iterable[str], needs: Mapping[str, tuple[str, ...]], path: KeyPath, mistakes: Mistakes
 ) -> None:
-    """Find keys that stand beside none of those to which they belong."""
-    said = set(given)
-    for key in sorted(said & goes_with.keys()):
-        wanted = goes_with[key]
-        if not said & set(wanted):
-            mistakes.say(
-                (*path, key), f"belongs to {' or '.join(f'`{one}`' for one in wanted)}, and there is none here"
-            )
+    """Report keys that are given without any of the keys that they need."""
+    keys = set(given)
+    for key in sorted(keys & needs.keys()):
+        if not keys & set(needs[key]):
+            needed = " or ".join(f"`{one}`" for one in needs[key])
+            mistakes.add((*path, key), f"belongs to {needed}, and there is none here")
 
 
 def one_of(given: Iterable[str], allowed: tuple[str, ...], path: KeyPath, mistakes: Mistakes) -> str | None:
@@ -87,9 +84,9 @@ def one_of(given: Iterable[str], allowed: tuple[str, ...], path: KeyPath, mistak
     if len(found) == 1:
         return found[0]
     if found:
-        mistakes.say((*path, found[1]), f"stands beside `{found[0]}`; write two entries, each with one of them")
+        mistakes.add((*path, found[1]), f"stands beside `{found[0]}`; write two entries, each with one of them")
     else:
-        mistakes.say(path, f"must have one of {', '.join(allowed)}")
+        mistakes.add(path, f"must have one of {', '.join(allowed)}")
     return None
 
 
@@ -105,32 +102,32 @@ def _planned(
     given = keys_of(step)
     lift = lift_of(step.lift, lifts, path, mistakes)
     known = lifts.get(lift)
-    check_company(given, GOES_WITH_IN_STEP, path, mistakes)
+    check_key_needs(given, STEP_KEY_NEEDS, path, mistakes)
     parts = _parts({key: getattr(step, key) for key in given}, path, mistakes, known)
-    does = one_of(given, DOINGS, path, mistakes)
+    action = one_of(given, ACTIONS, path, mistakes)
     if step.at is None and step.when is None:
-        mistakes.say(path, "must say `at` how many seconds, or `when` what has happened")
+        mistakes.add(path, "must say `at` how many seconds, or `when` what has happened")
     if step.at is not None and step.at >= scenario.lasts_s:
-        mistakes.say((*path, "at"), f"is after the end: the scenario lasts {scenario.lasts_s:g} s")
+        mistakes.add((*path, "at"), f"is after the end: the scenario lasts {scenario.lasts_s:g} s")
     if known is not None:
         _check_names(step, path, known, mistakes)
         _check_parts(parts, path, known, mistakes)
-    return None if does is None else PlannedStep(mistakes.source.line(path) or 0, does, step, lift, parts)
+    return None if action is None else PlannedStep(mistakes.source.line(path) or 0, action, step, lift, parts)
 
 
-def _parts(said: Mapping[str, object], path: KeyPath, mistakes: Mistakes, known: TracedLift | None) -> Parts:
+def _parts(given: Mapping[str, object], path: KeyPath, mistakes: Mistakes, known: TracedLift | None) -> Parts:
     floors = None if known is None else known.floors
 
     def match(key: str) -> Match | None:
-        return read_match(said[key], (*path, key), mistakes, floors) if key in said else None
+        return read_match(given[key], (*path, key), mistakes, floors) if key in given else None
 
-    people = said.get("people")
+    people = given.get("people")
     return Parts(
         when=match("when"),
         until=match("until"),
-        fault=read_fault(said["fault"], (*path, "fault"), mistakes, floors) if "fault" in said else None,
-        wire=read_wire(said["wire"], (*path, "wire"), mistakes) if "wire" in said else None,
-        people=read_people(people, (*path, "people"), mistakes) if "people" in said else None,
+        fault=read_fault(given["fault"], (*path, "fault"), mistakes, floors) if "fault" in given else None,
+        wire=read_wire(given["wire"], (*path, "wire"), mistakes) if "wire" in given else None,
+        people=read_people(people, (*path, "people"), mistakes) if "people" in given else None,
     )
 
 
@@ -141,28 +138,28 @@ def _check_names(step: Step, path: KeyPath, known: TracedLift, mistakes: Mistake
     if step.robot is not None:
         named += [(("robot", "from"), step.robot.from_), (("robot", "to"), step.robot.to)]
         if step.robot.from_ == step.robot.to:
-            mistakes.say((*path, "robot", "to"), "is where it starts; name another floor")
+            mistakes.add((*path, "robot", "to"), "is where it starts; name another floor")
     if step.inputs is not None:
         for key in ("car_buttons", "landing_buttons"):
             named += [(("inputs", key, place), floor) for place, floor in enumerate(getattr(step.inputs, key))]
         if not any(value for _, value in step.inputs):
-            mistakes.say((*path, "inputs"), "is empty; say what people press or block")
+            mistakes.add((*path, "inputs"), "is empty; say what people press or block")
     for place, floor in named:
         if floor not in known.floors:
-            mistakes.say((*path, *place), f"no floor {floor!r}; there is {', '.join(known.floors)}")
+            mistakes.add((*path, *place), f"no floor {floor!r}; there is {', '.join(known.floors)}")
 
 
 def _check_parts(parts: Parts, path: KeyPath, known: TracedLift, mistakes: Mistakes) -> None:
     if parts.wire is not None and parts.wire.controller not in (None, *known.controllers):
         message = f"no controller {parts.wire.controller!r}; there is {', '.join(known.controllers)}"
-        mistakes.say((*path, "wire", "controller"), message)
+        mistakes.add((*path, "wire", "controller"), message)
     if isinstance(parts.fault, ForeignCell) and (objection := known.objection(parts.fault)):
-        mistakes.say((*path, "fault", "foreign_cell"), objection)
+        mistakes.add((*path, "fault", "foreign_cell"), objection)
     if not isinstance(parts.fault, ForeignWriter):
         return
     here: KeyPath = (*path, "fault", "foreign_writer")
     if parts.fault.command not in known.commands:
         message = f"no command {parts.fault.command!r}; the map has {', '.join(sorted(known.commands))}"
-        mistakes.say((*here, "command"), message)
+        mistakes.add((*here, "command"), message)
     elif parts.fault.command in known.calls and parts.fault.pressed and parts.fault.floor is None:
-        mistakes.say(here, f"must say for which `floor` {parts.fault.command} is written")
+        mistakes.add(here, f"must say for which `floor` {parts.fault.command} is written")

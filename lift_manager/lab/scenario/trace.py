@@ -173,8 +173,8 @@ def changes(entries: Iterable[Entry]) -> Iterator[tuple[Entry, Mapping[str, Valu
         if before is None:
             yield entry, {name: value for name, value in entry.fields.items() if value not in (None, ())}
         else:
-            told = {n: v for n, v in entry.fields.items() if v != before.fields[n] and n != "age_s"}
-            yield entry, told
+            changed = {n: v for n, v in entry.fields.items() if v != before.fields[n] and n != "age_s"}
+            yield entry, changed
         newest[entry.subject] = entry
 
 

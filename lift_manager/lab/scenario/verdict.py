@@ -10,10 +10,10 @@ from lift_manager.lab.scenario.expectations import ReadyExpectation
 from lift_manager.lab.scenario.play import ScenarioResult
 from lift_manager.lab.scenario.trace import Entry, Value, changes
 
-AROUND = 3
-"""How many entries are shown before and after the one that broke an expectation. Chosen: what fits under it at a glance."""
-SHOWN = 60
-"""Characters of a text that are shown of it; the trace file has all of it. Chosen."""
+CONTEXT_ENTRIES = 3
+"""How many entries are printed before and after the one that broke an expectation. Chosen: enough to be read at a glance."""
+MAX_TEXT_LENGTH = 60
+"""How many characters of a text are printed; the trace file has all of it. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Judgement:
     because: str
     at_s: float | None
     around: tuple[str, ...]
-    """The entries around the one that broke it, that one marked with `>`."""
+    """The entries before and after the one that broke it, which is marked with `>`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,24 +110,24 @@ def _judged(expected: ReadyExpectation, played: ScenarioResult, lasts_s: float) 
         entries = [entry for entry in played.trace if entry.lift == lift]
         result = judge(expected.demand, Run(entries, lasts_s), expected.window)
         at_s = result.at_s if isinstance(result, Broken) else None
-        around = tuple(_around(result, entries)) if isinstance(result, Broken) else ()
+        context = tuple(_context_lines(result, entries)) if isinstance(result, Broken) else ()
         shown = f"{lift}: {expected}" if len(played.scenario.lifts) > 1 else str(expected)
         ok = isinstance(result, DemandMet)
-        yield Judgement(expected.line, shown, lift, ok, result.text, expected.because, at_s, around)
+        yield Judgement(expected.line, shown, lift, ok, result.text, expected.because, at_s, context)
 
 
-def _around(broken: Broken, entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield the entries around the moment at which it was broken, and the one that broke it, which may have come before."""
+def _context_lines(broken: Broken, entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield the entries around the moment at which an expectation broke, and the entry that broke it, which may be earlier."""
     if broken.at_s is None:
         return
-    its = next((place for place, entry in enumerate(entries) if entry is broken.entry), None)
+    cause = next((index for index, entry in enumerate(entries) if entry is broken.entry), None)
     at = sum(entry.at_s <= broken.at_s for entry in entries) - 1
-    if its is not None and entries[its].at_s == broken.at_s:
-        at = its
-    told = list(changes(entries))
-    places = set(range(max(0, at - AROUND), min(len(told), at + AROUND + 1)))
-    for place in sorted(places if its is None else places | {its}):
-        entry, fields = told[place]
+    if cause is not None and entries[cause].at_s == broken.at_s:
+        at = cause
+    listed = list(changes(entries))
+    indices = set(range(max(0, at - CONTEXT_ENTRIES), min(len(listed), at + CONTEXT_ENTRIES + 1)))
+    for index in sorted(indices if cause is None else indices | {cause}):
+        entry, fields = listed[index]
         mark = ">" if entry is broken.entry else " "
         yield f"{mark} {entry.at_s:9.3f} s  {entry.kind:<8} {_fields(fields)}"
 
@@ -147,7 +147,7 @@ def _shown(value: Value) -> str:
             return " ".join(value)
         case _:
             text = str(value)
-            return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"
+            return text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 1]}…"
 
 
 def _expectation_lines(one: Judgement) -> Iterator[str]:

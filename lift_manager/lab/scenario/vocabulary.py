@@ -64,8 +64,8 @@ class RequestedDoor(StrEnum):
 
 
 @unique
-class Person(StrEnum):
-    """What a person says to the manager."""
+class OperatorAction(StrEnum):
+    """An action of a person on the manager."""
 
     ACKNOWLEDGE = "acknowledge"
     LOCK_OUT = "lock_out"
@@ -205,7 +205,7 @@ KINDS: Mapping[str, Kind] = {
         "what a person says to the manager, with the answer",
         lasts=False,
         fields={
-            "says": _words(Person, "what"),
+            "says": _words(OperatorAction, "what"),
             "by": _text("their name"),
             "accepted": _ACCEPTED,
             "code": _CODE,

@@ -37,7 +37,7 @@ def test_an_example_says_what_it_is_about_and_names_its_schema(path: Path) -> No
 def kinds() -> Iterator[str]:
     for path in FILES:
         loaded = load_scenario(path)
-        yield from (step.does for step in loaded.steps)
+        yield from (step.action for step in loaded.steps)
         yield from (type(expected.demand).__name__ for expected in loaded.expected)
 
 

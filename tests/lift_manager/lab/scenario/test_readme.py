@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.lab.scenario.editors import json_schema
-from lift_manager.lab.scenario.faults import BESIDE, DEVICE_FAULTS, READY, WIRE, model_of
+from lift_manager.lab.scenario.faults import DEVICE_FAULTS, READY, WIRE, WIRE_FAULT_KEYS, model_of
 from lift_manager.lab.scenario.matching import COMPARISONS
 from lift_manager.lab.scenario.play import play
 from lift_manager.lab.scenario.schema import Expectation, Inputs, Options, Request, Robot, Scenario, Simulated, Step
@@ -98,7 +98,7 @@ def test_every_fault_is_listed_with_its_values() -> None:
     assert f"`wire:` {listed(dict(WIRE))}\n" in PAGE
     ready = " · ".join(f"`{name}`" for name in READY if name not in DEVICE_FAULTS)
     assert f"By name alone, too: {ready}\n" in PAGE
-    assert all(f"`{name}`" in PAGE for name in BESIDE)
+    assert all(f"`{name}`" in PAGE for name in WIRE_FAULT_KEYS)
 
 
 def test_every_comparison_is_shown() -> None:
