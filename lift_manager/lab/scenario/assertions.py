@@ -1,7 +1,7 @@
-"""What must be so of a trace, and whether it is. Pure.
+"""Checks demands on a trace. Pure.
 
-An entry that lasts holds until the next one of its subject; what is said of such a kind is said of that time. Every other
-entry is a moment.
+An entry of a kind that lasts holds until the next one of its subject, and a match of such a kind refers to that time. Every other
+entry is over in a moment.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ALWAYS = Window()
 
 @dataclass(frozen=True, slots=True)
 class While:
-    """During the time in which something holds, once it has held so long."""
+    """The time in which a match holds, once it has held for `settled_s`."""
 
     match: Match
     settled_s: float = 0.0
@@ -45,7 +45,7 @@ class Eventually:
     match: Match
     within_s: float | None = None
     after: Match | None = None
-    """Each of these must be followed by it."""
+    """If given, each of these must be followed by the match."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +71,19 @@ class Broken:
     text: str
     at_s: float | None = None
     entry: Entry | None = None
-    """The one that broke it, or the one that nothing followed."""
+    """The entry that broke it, or that no match followed."""
 
 
 @dataclass(frozen=True, slots=True)
 class DemandMet:
-    """A demand is met; with what there is to say about it."""
+    """A demand is met; the text has the details."""
 
     text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """The trace of one lift, and how long it lasted."""
+    """The trace of one lift, and how long the run lasted."""
 
     entries: Sequence[Entry]
     lasts_s: float
@@ -91,7 +91,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """A time for which a match held; of a moment both ends are the same."""
+    """A time in which a match held; for a moment, both ends are the same."""
 
     start_s: float
     stop_s: float
@@ -104,7 +104,7 @@ class _Span:
 
 
 def judge(demand: Demand, run: Run, window: Window = ALWAYS) -> Broken | DemandMet:
-    """Say whether a demand is met by the trace of one lift."""
+    """Return whether the trace of one lift meets a demand, and why not."""
     window = Window(window.after_s, min(window.before_s, run.lasts_s))
     match demand:
         case Never():
@@ -122,7 +122,7 @@ def judge(demand: Demand, run: Run, window: Window = ALWAYS) -> Broken | DemandM
 def _never(demand: Never, run: Run, window: Window) -> Broken | DemandMet:
     during = None if demand.during is None else list(_trials(demand.during, run, window))
     if during == [] and demand.during is not None:
-        return Broken(f"was never on trial: {_tried(demand.during)} did not come about")
+        return Broken(f"was never tested: {_tried(demand.during)} did not occur")
     for span in _spans(demand.match, run):
         at_s = _within(span, window) if during is None else _first(span, during, window)
         if at_s is not None:
@@ -139,14 +139,14 @@ def _eventually(demand: Eventually, run: Run, window: Window) -> Broken | Demand
         return DemandMet(_at(min(found))) if found else Broken("it did not happen", limited.before_s)
     befores = [one for one in _spans(demand.after, run) if window.after_s <= one.start_s <= window.before_s]
     if not befores:
-        return Broken(f"was never on trial: {demand.after} did not come about")
+        return Broken(f"was never tested: {demand.after} did not occur")
     longest = 0.0
     for before in befores:
         until_s = min(window.before_s, before.start_s + (math.inf if demand.within_s is None else demand.within_s))
         fitting = [span for span in spans if span.stop > before.first and span.start_s <= until_s]
         following = [span for span in fitting if demand.match.lasts or span.first > before.first]
         if not following:
-            return Broken(f"nothing of it followed within {until_s - before.start_s:g} s", until_s, before.entry)
+            return Broken(f"no match followed within {until_s - before.start_s:g} s", until_s, before.entry)
         longest = max(longest, following[0].start_s - before.start_s)
     return DemandMet(
         f"{len(befores)} times, after {longest:g} s at most" if len(befores) > 1 else f"after {longest:g} s"
@@ -170,7 +170,7 @@ def _count(demand: Count, run: Run, window: Window) -> Broken | DemandMet:
     if demand.during is not None:
         trials = list(_trials(demand.during, run, window))
         if not trials:
-            return Broken(f"was never on trial: {_tried(demand.during)} did not come about")
+            return Broken(f"was never tested: {_tried(demand.during)} did not occur")
         spans = [span for span in spans if _first(span, trials, window) is not None]
     number, last = len(spans), spans[-1] if spans else None
     if demand.at_most is not None and number > demand.at_most:
@@ -209,7 +209,7 @@ def _spans(match: Match, run: Run) -> Iterator[_Span]:
 
 
 def _trials(during: While, run: Run, window: Window) -> Iterator[tuple[_Span, float]]:
-    """Yield each time in which the condition holds and counts, with its beginning."""
+    """Yield each time in which the condition holds within the window, and when the demand applies from."""
     for span in _spans(during.match, run):
         since_s = span.start_s + during.settled_s
         if span.stop_s >= since_s and span.stop_s >= window.after_s and since_s <= window.before_s:
@@ -217,7 +217,7 @@ def _trials(during: While, run: Run, window: Window) -> Iterator[tuple[_Span, fl
 
 
 def _first(span: _Span, trials: Iterable[tuple[_Span, float]], window: Window) -> float | None:
-    """Return when a match first held together with a condition; a touch of no duration is none."""
+    """Return when a match first held together with a condition. Spans that only touch do not count."""
     for trial, since_s in trials:
         if not span.lasts:
             if (

@@ -1,4 +1,4 @@
-"""The JSON Schema from which editors complete scenario files: draft 7, generated from the models and the vocabulary."""
+"""Generates the JSON Schema with which editors complete scenario files: draft 7, from the models and the vocabulary."""
 
 from __future__ import annotations
 

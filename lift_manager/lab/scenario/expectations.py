@@ -1,4 +1,4 @@
-"""The expectations of a scenario: read from the file, and said in words."""
+"""Reads the expectations of a scenario, and describes them in words."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class ReadyExpectation:
     """One expectation, ready to be judged."""
 
     line: int
-    """Where it stands in the file."""
+    """Its line in the file."""
     demand: Demand
     window: Window
     lifts: tuple[str, ...]
-    """It is judged for each of these by itself."""
+    """The lifts for each of which it is judged."""
     because: str
 
     def __str__(self) -> str:
@@ -34,11 +34,11 @@ class ReadyExpectation:
 def read_expectations(
     scenario: Scenario | None, lifts: Mapping[str, TracedLift], mistakes: Mistakes
 ) -> tuple[ReadyExpectation, ...]:
-    """Read what must be so; what is wrong with it is added to the mistakes. Without lifts, names are not checked."""
+    """Read the expectations and add what is wrong with them to the mistakes. Without lifts, names are not checked."""
     raw = mistakes.source.data
     listed = raw.get("expect") if isinstance(raw, dict) else None
     if listed == []:
-        mistakes.add(("expect",), "is empty; say what must be so")
+        mistakes.add(("expect",), "is empty; add an expectation")
     if scenario is None:
         for index, one in enumerate(listed if isinstance(listed, list) else ()):
             for key in ("never", "eventually", "count", "while", "after") if isinstance(one, dict) else ():
@@ -73,7 +73,7 @@ def _check_times(one: Expectation, path: KeyPath, scenario: Scenario, mistakes: 
     for key in ("after_s", "before_s", "within_s"):
         value = getattr(one, key)
         if value is not None and value > scenario.lasts_s:
-            mistakes.add((*path, key), f"is more than the scenario lasts: {scenario.lasts_s:g} s")
+            mistakes.add((*path, key), f"is longer than the scenario lasts: {scenario.lasts_s:g} s")
     if one.after_s is not None and one.before_s is not None and one.after_s >= one.before_s:
         mistakes.add((*path, "before_s"), f"must be more than after_s, which is {one.after_s:g}")
 
@@ -116,12 +116,12 @@ class _Reader:
         at_least, at_most, exactly = self.one.at_least, self.one.at_most, self.one.exactly
         if exactly is not None:
             if at_least is not None or at_most is not None:
-                self.mistakes.add((*self.path, "exactly"), "leaves nothing to at_least and at_most; remove one")
+                self.mistakes.add((*self.path, "exactly"), "cannot go with at_least or at_most; remove one of them")
             at_least = at_most = exactly
         elif at_least is None and at_most is None:
-            self.mistakes.add((*self.path, "count"), "must stand beside at_least, at_most or exactly")
+            self.mistakes.add((*self.path, "count"), "needs at_least, at_most or exactly")
         elif at_least == 0 and at_most is None:
-            self.mistakes.add((*self.path, "at_least"), "of 0 is always so")
+            self.mistakes.add((*self.path, "at_least"), "of 0 is always met")
         return None if match is None else Count(match, at_least, at_most, during)
 
 

@@ -1,4 +1,4 @@
-"""Faults and people as a scenario file writes them: every name and field of `simulator.faults`, `wire_faults` and `people`."""
+"""Reads faults and people in scenario files: every name and field of `simulator.faults`, `wire_faults` and `people`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEVICE_FAULTS: Mapping[str, type] = {
     kind_name(kind): kind for group in (MachineFault, RegisterFault, NetworkFault) for kind in get_args(group)
 }
 READY: Mapping[str, Fault] = {fault_name(fault): fault for fault in every_device_fault()}
-"""Faults that need no more than their name, such as `in_mode.fire`."""
+"""Faults that are complete with their name, such as `in_mode.fire`."""
 WIRE: Mapping[str, type[WireFault]] = {kind_name(kind): kind for kind in WIRE_FAULTS}
 
 WIRE_FAULT_KEYS = ("times", "probability", "only", "controller")
@@ -50,9 +50,9 @@ class WireFaultSpec:
 
 @cache
 def model_of(kind: type) -> type[BaseModel]:
-    """Return the fields of a dataclass as a model that refuses every other; those of all wire faults are left out.
+    """Return a model with the fields of a dataclass, without those that all wire faults share. It refuses any other field.
 
-    A floor is written by its name.
+    A floor is given by its name.
     """
     hints = get_type_hints(kind)
     without = _OF_THE_WIRE if issubclass(kind, Limits) else frozenset()
@@ -105,7 +105,7 @@ def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> WireFaultSpec |
     if values is None:
         return None
     if target is not None and issubclass(kind, ConnectionFault):
-        mistakes.add((*path, "only"), f"{name} strikes connections, and they are no requests; remove this line")
+        mistakes.add((*path, "only"), f"{name} affects connections, not requests; remove this key")
         return None
     values |= {"times": limits.times, "probability": limits.probability} | ({} if target is None else {"on": target})
     made: WireFault | None = _made(kind, values, path, mistakes)
@@ -113,7 +113,7 @@ def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> WireFaultSpec |
 
 
 def read_people(raw: object, path: KeyPath, mistakes: Mistakes) -> tuple[int | None, Traffic] | None:
-    """Read the seed of people, None for the scenario's own, and how they behave; `{}` is how they usually do."""
+    """Read the seed of people, None for that of the scenario, and their behaviour; `{}` is the usual traffic."""
     if not isinstance(raw, dict):
         mistakes.add(path, "must be a table of keys, such as {per_minute: 6}; {} is the usual traffic")
         return None
@@ -128,7 +128,7 @@ def read_people(raw: object, path: KeyPath, mistakes: Mistakes) -> tuple[int | N
 
 @cache
 def people_model() -> type[BaseModel]:
-    """Return what a scenario says about people: their seed, and how they behave."""
+    """Return the model of people in a scenario: their seed and their behaviour."""
     return create_model("People", __base__=model_of(Traffic), seed=(int | None, None))
 
 
@@ -156,7 +156,9 @@ def _named(raw: object, path: KeyPath, mistakes: Mistakes, names: _Names) -> tup
         mistakes.add((*path, key), f"{_no_such(key, names)}{hint}")
     known = [str(key) for key in raw if key in names.kinds]
     if len(known) > 1:
-        mistakes.add((*path, known[1]), f"one step has one fault, and {known[0]} is it already; write another step")
+        mistakes.add(
+            (*path, known[1]), f"a step has one fault, and this one has {known[0]} already; write another step"
+        )
     return (known[0], raw[known[0]]) if len(known) == 1 and not unknown else None
 
 

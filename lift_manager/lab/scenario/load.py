@@ -1,4 +1,4 @@
-"""Read a scenario file, with the map or the site that it names; every mistake with file, line and key, all at once."""
+"""Reads a scenario file with its map or site. Reports every mistake at once, each with file, line and key."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from register_maps.vocabulary import HANDSHAKE
 from simulator.faults import Fault
 
 LIFT = "lift"
-"""The name of the lift of a scenario that names a map."""
+"""The name of the lift in a scenario that names a map."""
 CONTROLLER = "controller"
-"""The name of its controller; the endpoints of its map have their own."""
+"""The name of the controller of that lift. The endpoints of its map keep their names."""
 _NOT_WITH_SITE = ("floors", "parameters", "override", "options")
 
 
@@ -45,7 +45,7 @@ class LoadedScenario:
 
 
 def load_scenario(path: Path) -> LoadedScenario:
-    """Read and check a scenario file. Raises MapFileError with every finding."""
+    """Read and check a scenario file. Raises MapFileError with all findings."""
     source = read(path, number_keys=_is_value_table)
     tried = try_validate(source, Scenario)
     scenario, found = tried.model, tried.findings
@@ -60,7 +60,7 @@ def load_scenario(path: Path) -> LoadedScenario:
 
 
 def known_lifts(site: LoadedSite) -> dict[str, TracedLift]:
-    """Return what there is to know of every lift of a site."""
+    """Return the facts about every lift of a site."""
     found = {}
     for name, spec in site.site.lifts.items():
         codec = compile_map(site.maps[name].map, offset=spec.offset)
@@ -86,13 +86,13 @@ def _objection(codec: Codec, floors: Mapping[str, int], fault: Fault) -> str:
 
 def _site(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite | None:
     if (scenario.map is None) == (scenario.site is None):
-        mistakes.add((), "names either a `map`, for one lift, or a `site`")
+        mistakes.add((), "must name either a `map`, for one lift, or a `site`")
         return None
     if scenario.site is None:
         return _one_lift(scenario, near, mistakes)
     for key in _NOT_WITH_SITE:
         if key in scenario.model_fields_set:
-            mistakes.add((key,), "is said by the site file; remove it here, or name a `map`")
+            mistakes.add((key,), "is set by the site file; remove it here, or name a `map`")
     try:
         return _at_any_hour(load_site(near / scenario.site))
     except MapFileError as error:
@@ -127,7 +127,7 @@ def _one_lift(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite 
 
 
 def _site_of(scenario: Scenario, loaded: LoadedMap, floors: object) -> dict[str, Any]:
-    """Return the site of one lift, as a site file would say it; its devices are where nothing is."""
+    """Return the contents of a site file for one lift. Its addresses lead nowhere."""
     source = loaded.map
     infers = source.needs_occupancy or bool(HANDSHAKE & source.commands.keys())
     lift = {
@@ -148,7 +148,7 @@ def _site_of(scenario: Scenario, loaded: LoadedMap, floors: object) -> dict[str,
 
 
 def _here(key: Key, scenario: Scenario) -> KeyPath:
-    """Return where a scenario says what its site says there."""
+    """Return the key of the scenario that set this key of its site."""
     part = key[2:]
     if part[:1] in (("floors",), ("parameters",), ("override",)):
         return part if part[0] in scenario.model_fields_set or part[0] != "floors" else ("map",)
@@ -156,7 +156,7 @@ def _here(key: Key, scenario: Scenario) -> KeyPath:
 
 
 def _take_over(key: KeyPath, error: MapFileError, mistakes: Mistakes) -> None:
-    """Keep findings where they are in their own file; a file that cannot be found is a mistake of this one."""
+    """Add the findings of another file at their own lines. A finding without a line, such as a missing file, is one of this file."""
     for finding in error.findings:
         if finding.line is None:
             mistakes.add(key, finding.message)
@@ -165,5 +165,5 @@ def _take_over(key: KeyPath, error: MapFileError, mistakes: Mistakes) -> None:
 
 
 def _is_value_table(path: KeyPath) -> bool:
-    """Whether the keys of a table may be numbers: the codes of a signal that is overridden."""
+    """Whether the keys of a table may be numbers, as the codes of an overridden signal are."""
     return len(path) == 4 and (*path[:2], path[3]) == ("override", "signals", "values")

@@ -1,4 +1,4 @@
-"""Matches: which entries of a trace are meant. Pure."""
+"""Matches, which select entries of a trace. Pure."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from register_maps.plain import closest
 from register_maps.source import KeyPath
 
 COMPARISONS = ("above", "below", "contains", "not")
-"""What may stand in place of a value."""
+"""Keys that a field may have instead of a value."""
 
 _SORTS = {ValueType.FLAG: "true or false", ValueType.NUMBER: "a number"}
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What one field has to be; all that is given must hold."""
+    """A condition on one field; all of its parts must hold."""
 
     any_of: tuple[Value, ...] | None = None
     none_of: tuple[Value, ...] | None = None
@@ -29,7 +29,7 @@ class Condition:
     contains: str | None = None
 
     def holds(self, value: Value) -> bool:
-        """Whether a value is as it has to be; of a field with several values, one of them."""
+        """Whether a value meets the condition; of a field with several values, whether one of them does."""
         values: tuple[Value, ...] = (value or (None,)) if isinstance(value, tuple) else (value,)
         if self.any_of is not None and not any(one in self.any_of for one in values):
             return False
@@ -59,18 +59,18 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """Entries of one kind whose fields are as they have to be."""
+    """Selects the entries of one kind whose fields meet all conditions."""
 
     kind: str
     conditions: Mapping[str, Condition]
 
     @property
     def lasts(self) -> bool:
-        """Whether it speaks of something that holds for a time."""
+        """Whether its kind of entry holds for a time."""
         return KINDS[self.kind].lasts
 
     def fits(self, entry: Entry) -> bool:
-        """Whether an entry is meant."""
+        """Whether an entry is selected."""
         if entry.kind != self.kind:
             return False
         return all(condition.holds(entry.fields[name]) for name, condition in self.conditions.items())
@@ -82,7 +82,7 @@ class Match:
 
 
 def read_match(raw: object, path: KeyPath, mistakes: Mistakes, floors: tuple[str, ...] | None) -> Match | None:
-    """Read a match from a file; None where it has mistakes. `floors` are those of its lift, where they are known."""
+    """Read a match from a file; None if it has mistakes. `floors` are those of its lift, if they are known."""
     if not isinstance(raw, dict):
         mistakes.add(path, "must be a match, such as {kind: state, robot_door: open}")
         return None
@@ -93,7 +93,7 @@ def read_match(raw: object, path: KeyPath, mistakes: Mistakes, floors: tuple[str
         if "kind" in raw:
             mistakes.add((*path, "kind"), f"must be a kind of entry, not {kind!r}{hint}")
         else:
-            mistakes.add(path, f"must say of which `kind` of entry{there}")
+            mistakes.add(path, f"must name a `kind` of entry{there}")
         return None
     fields, before = KINDS[kind].fields, len(mistakes.findings)
     conditions = {}
@@ -117,12 +117,12 @@ class _Reading:
     def values(self, raw: object, path: KeyPath) -> tuple[Value, ...]:
         if isinstance(raw, list):
             if not raw:
-                self.mistakes.add(path, "an empty list matches nothing; `null` means nothing is there")
+                self.mistakes.add(path, "an empty list matches nothing; `null` matches a field without a value")
             return tuple(self.value(item, (*path, index)) for index, item in enumerate(raw))
         return (self.value(raw, path),)
 
     def value(self, raw: object, path: KeyPath) -> Value:
-        """One value; what is wrong with it is told."""
+        """Return one value; add what is wrong with it to the mistakes."""
         sort, words = self.field.sort, self.field.words
         if raw is None:
             return None
@@ -150,7 +150,7 @@ def _condition(raw: object, path: KeyPath, reading: _Reading) -> Condition:
     for name, value in raw.items():
         here = (*path, name)
         if name not in COMPARISONS:
-            reading.mistakes.add(here, f"is no comparison; there is {', '.join(COMPARISONS)}")
+            reading.mistakes.add(here, f"is not a comparison; there is {', '.join(COMPARISONS)}")
         elif name == "not":
             found["none_of"] = reading.values(value, here)
         elif name == "contains":

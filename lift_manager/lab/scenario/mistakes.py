@@ -1,4 +1,4 @@
-"""Mistakes of a scenario file, gathered while it is read."""
+"""Collects the mistakes of a scenario file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 @dataclass(slots=True)
 class Mistakes:
-    """What is wrong with one file so far."""
+    """The mistakes of one file."""
 
     source: Source
     findings: list[Finding] = field(default_factory=list)
@@ -32,7 +32,7 @@ class Mistakes:
             self.findings.append(finding)
 
     def model(self, raw: object, path: KeyPath, model: type[Model]) -> Model | None:
-        """Read a part of the file as a model; None where it has mistakes."""
+        """Read a part of the file as a model; None if it has mistakes."""
         try:
             return model.model_validate_json(json.dumps(raw), strict=True)
         except ValidationError as error:

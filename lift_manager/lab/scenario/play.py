@@ -1,4 +1,4 @@
-"""Play a scenario: the whole manager and its simulated lifts on virtual time, with the judge watching."""
+"""Plays a scenario: the whole manager and its simulated lifts on virtual time, watched by the judge."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from lift_manager.lab.world.world import World, WorldError
 from simulator.state import Parameters
 
 AFTER_THE_END_S = 3600.0
-"""How long the loop may go on after the end while everything is let go."""
+"""How long the loop may run after the end, while everything is released."""
 
 
 @dataclass(slots=True)
 class ScenarioResult:
-    """What became of a scenario."""
+    """The result of playing a scenario."""
 
     scenario: LoadedScenario
     seed: int
@@ -32,19 +32,19 @@ class ScenarioResult:
     findings: list[Finding]
     """What the judge found."""
     problems: list[str] = field(default_factory=list)
-    """Steps that could not be done."""
+    """Steps that were not carried out."""
     excused: Mapping[tuple[str, str, str], int] = field(default_factory=dict)
-    """What the judge let pass, by lift, rule and fault, and how often."""
+    """How often the judge excused a finding, by lift, rule and fault."""
     judged: int = 0
-    """Published states that the judge compared with the truth."""
+    """How many published states the judge compared with the truth."""
     invitations: int = 0
-    """Of these, those that said open."""
+    """How many of them had an open door for robots."""
     released: bool = False
-    """Whether everything was seen to be let go at the end."""
+    """Whether the release of every output was verified at the end."""
 
 
 def play(loaded: LoadedScenario, *, seed: int | None = None) -> ScenarioResult:
-    """Play a scenario to its end; a crash of anything is a finding. The same seed gives the same trace.
+    """Play a scenario to its end. Any crash is a finding. The same seed gives the same trace.
 
     Raises WorldError for a site that cannot be simulated.
     """
@@ -72,7 +72,7 @@ def play(loaded: LoadedScenario, *, seed: int | None = None) -> ScenarioResult:
         run_virtual(main, limit_s=lasts_s + AFTER_THE_END_S)
     except WorldError:
         raise
-    except Exception as error:  # noqa: BLE001  a crash fails the scenario, with all that is known about it
+    except Exception as error:  # noqa: BLE001  a crash fails the scenario and is reported with its traceback
         text = "".join(traceback.format_exception(error))
         oracle.findings.append(Finding(lasts_s, next(iter(site.site.lifts)), "crash", text))
     played.excused, played.judged, played.invitations = oracle.excused, oracle.judged, oracle.invitations

@@ -1,4 +1,4 @@
-"""What a scenario file may say. Faults, people and matches have readers of their own: `faults` and `matching`."""
+"""The models of a scenario file. Faults, people and matches have readers of their own: `faults` and `matching`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Sentence = Annotated[
 Holder = Annotated[
     str,
     StringConstraints(min_length=1, max_length=64, pattern=r"^[^:\x00-\x1f\x7f]+(:[^\x00-\x1f\x7f]+)?$"),
-    Field(description="the face and the caller's name there, such as fleet:r1, or one word"),
+    Field(description="the face and the name of the caller, such as fleet:r1, or one word"),
 ]
 Moment = Annotated[float, Field(ge=0, le=86400)]
 Count = Annotated[int, Field(strict=True, ge=0)]
@@ -33,7 +33,7 @@ class _Part(BaseModel):
 
 
 class Options(_Part):
-    """What a site file would say about the lift; see docs/reference/site-file.md."""
+    """Keys that a site file would set for the lift; see docs/reference/site-file.md."""
 
     lease_s: Seconds | None = None
     max_session_hold_s: Seconds | None = None
@@ -47,7 +47,7 @@ class Options(_Part):
 
 
 class Simulated(_Part):
-    """How the simulated controller is set; see `simulator.state.Parameters`."""
+    """Parameters of the simulated controller; see `simulator.state.Parameters`."""
 
     speed: Annotated[float, Field(ge=0.1, le=100)] = 1.0
     dwell_s: Seconds | None = None
@@ -58,32 +58,32 @@ class Simulated(_Part):
 
 
 class Request(_Part):
-    """One request, as a face hands it to the manager."""
+    """One request, as a face passes it to the manager."""
 
     floor: Text
     door: RequestedDoor = RequestedDoor.OPEN
-    """`closed` lets the lift go."""
+    """`closed` releases the lift."""
     holder: Holder = "workshop"
     robot: RobotWord | None = None
 
 
 class Robot(_Part):
-    """A robot that calls, enters, rides and leaves, asking again every second as clients do."""
+    """A robot that calls, enters, rides and leaves. It repeats its request every second, as clients do."""
 
     from_: Text = Field(alias="from")
     to: Text
     holder: Holder = "workshop"
     in_words: bool = False
-    """It says when it is in place and when it has left."""
+    """Whether it reports when it is in place and when it has left."""
     boards_s: Annotated[float, Field(ge=0, le=600)] = 3.0
-    """How long it takes through the door."""
+    """How long it takes to drive through the door."""
     gives_up_after_s: Seconds = 600.0
     releases: bool = True
-    """Whether it lets the lift go at the end, or just falls silent."""
+    """Whether it releases the lift at the end, or just stops sending requests."""
 
 
 class Inputs(_Part):
-    """What people press and block, for as long as the step lasts."""
+    """What people press and block while the step lasts."""
 
     car_buttons: Floors = ()
     landing_buttons: Floors = ()
@@ -95,19 +95,19 @@ class Inputs(_Part):
 
 
 class PersonAction(_Part):
-    """A person's word."""
+    """An operator action."""
 
     by: Text
 
 
 class ReasonedAction(PersonAction):
-    """A person's word, with the reason."""
+    """An operator action with a reason."""
 
     reason: Text
 
 
 class Step(_Part):
-    """One line of the timeline: when, and exactly one thing to do."""
+    """One step of the timeline: a time, and exactly one thing to do."""
 
     at: Moment | None = None
     when: Any = None
@@ -131,7 +131,7 @@ class Step(_Part):
 
 
 class Expectation(_Part):
-    """One thing that must be so, of the whole trace."""
+    """One condition that the whole trace must meet."""
 
     never: Any = None
     eventually: Any = None
@@ -151,7 +151,7 @@ class Expectation(_Part):
 
 
 class Scenario(_Part):
-    """One file."""
+    """One scenario file."""
 
     schema_: Literal[1] = Field(alias="schema")
     title: Sentence
@@ -164,7 +164,7 @@ class Scenario(_Part):
     simulator: Simulated = Simulated()
     lasts_s: Seconds
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
-    # pydantic would call a list of one wrong entry too short; the readers of both look at their length
+    # no minimum length: pydantic would call a list with one invalid entry too short; the readers check that a list is not empty
     do: tuple[Step, ...]
     expect: tuple[Expectation, ...]
 

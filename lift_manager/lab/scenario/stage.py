@@ -24,11 +24,11 @@ from simulator.state import Inputs
 REQUEST_EVERY_S = 1.0
 """How often a robot repeats its request: as clients of the workshop API do."""
 CHECK_STATE_EVERY_S = 0.25
-"""How often it checks the state meanwhile."""
+"""How often a robot checks the state between two requests."""
 
 
 class Stage:
-    """The steps of one run."""
+    """Carries out the steps of one run."""
 
     def __init__(self, world: World, recorder: Recorder, seed: int) -> None:
         self._world = world
@@ -56,7 +56,7 @@ class Stage:
     def problems(self, steps: Iterable[PlannedStep]) -> list[str]:
         """Return the steps that were not carried out because their condition did not occur."""
         return [
-            f"line {one.line}: {one.action} was not done: {one.parts.when} did not come about"
+            f"line {one.line}: {one.action} was not carried out: {one.parts.when} did not occur"
             + (f" within {one.step.within_s:g} s" if one.step.within_s is not None else " in time")
             for one in steps
             if one not in self._started
@@ -106,7 +106,7 @@ class Stage:
 
     async def _request(self, planned: PlannedStep) -> None:
         step, requested = planned.step, planned.step.request
-        assert requested is not None  # noqa: S101  the step is a request
+        assert requested is not None  # noqa: S101  true for this step
         opens = requested.door is RequestedDoor.OPEN
         request = FloorRequest(planned.lift, holder_of(requested.holder), requested.floor, opens, requested.robot)
         if step.every_s is None:
@@ -132,7 +132,7 @@ class Stage:
 
     async def _apply_wire_fault(self, planned: PlannedStep) -> None:
         wire = planned.parts.wire
-        assert wire is not None  # noqa: S101  the step is about the wire
+        assert wire is not None  # noqa: S101  true for this step
         own_controllers = self._world.lifts[planned.lift].controllers
         where = own_controllers if wire.controller is None else (wire.controller,)
         for controller in where:
@@ -163,7 +163,7 @@ class Stage:
             self._set_inputs(planned.lift, remaining)
 
     def _set_inputs(self, lift: str, pressed: list[Inputs]) -> None:
-        """Replace the inputs of the steps; those of simulated people stay."""
+        """Replace the inputs of the steps; the inputs of simulated people stay."""
         inputs = self._world.lifts[lift].inputs
         before, after = _combined(self._pressed[lift]), _combined(pressed)
         self._pressed[lift] = pressed

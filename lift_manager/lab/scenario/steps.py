@@ -1,4 +1,4 @@
-"""The timeline of a scenario: every step checked against the lifts that there are."""
+"""Reads the timeline of a scenario, and checks every step against the lifts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simulator.people import Traffic
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What a step says in words of its own; None where it says nothing."""
+    """The parts of a step with readers of their own; None if the step does not have them."""
 
     when: Match | None
     until: Match | None
@@ -29,10 +29,10 @@ class Parts:
 
 @dataclass(frozen=True, slots=True)
 class PlannedStep:
-    """One step, ready to be done."""
+    """One step, ready to be carried out."""
 
     line: int
-    """Where it stands in the file."""
+    """Its line in the file."""
     action: str
     """One of `schema.ACTIONS`."""
     step: Step
@@ -43,7 +43,7 @@ class PlannedStep:
 def read_steps(
     scenario: Scenario | None, lifts: Mapping[str, TracedLift], mistakes: Mistakes
 ) -> tuple[PlannedStep, ...]:
-    """Read the timeline; what is wrong with it is added to the mistakes. Without lifts, names are not checked."""
+    """Read the timeline and add what is wrong with it to the mistakes. Without lifts, names are not checked."""
     raw = mistakes.source.data
     listed = raw.get("do") if isinstance(raw, dict) else None
     for index, step in enumerate(listed if isinstance(listed, list) else ()):
@@ -51,7 +51,7 @@ def read_steps(
             # the models have refused the file; these parts have readers of their own, which add their mistakes
             _parts(step, ("do", index), mistakes, None)
     if listed == []:
-        mistakes.add(("do",), "is empty; say what happens")
+        mistakes.add(("do",), "is empty; add a step")
     if scenario is None:
         return ()
     planned = [_planned(index, step, scenario, lifts, mistakes) for index, step in enumerate(scenario.do)]
@@ -59,9 +59,9 @@ def read_steps(
 
 
 def lift_of(lift: str | None, lifts: Mapping[str, TracedLift], path: KeyPath, mistakes: Mistakes) -> str:
-    """Return which lift is meant; where there are several, it has to be said."""
+    """Return the lift of a step or expectation. If there are several, it must be named."""
     if lift is None and len(lifts) > 1:
-        mistakes.add(path, f"must say which `lift`; there is {', '.join(lifts)}")
+        mistakes.add(path, f"must name the `lift`; there is {', '.join(lifts)}")
     if lift is not None and lifts and lift not in lifts:
         mistakes.add((*path, "lift"), f"no lift {lift!r}; there is {', '.join(lifts)}")
     return lift if lift is not None else next(iter(lifts), "")
@@ -79,19 +79,19 @@ def check_key_needs(
 
 
 def one_of(given: Iterable[str], allowed: tuple[str, ...], path: KeyPath, mistakes: Mistakes) -> str | None:
-    """Return the one key of a list that is given."""
+    """Return the only one of these keys that is given; None, with a mistake, if there is none or more than one."""
     found = [key for key in allowed if key in set(given)]
     if len(found) == 1:
         return found[0]
     if found:
-        mistakes.add((*path, found[1]), f"stands beside `{found[0]}`; write two entries, each with one of them")
+        mistakes.add((*path, found[1]), f"cannot go with `{found[0]}`; write two entries, each with one of them")
     else:
         mistakes.add(path, f"must have one of {', '.join(allowed)}")
     return None
 
 
 def keys_of(step: Step) -> list[str]:
-    """Return the keys that a step gives."""
+    """Return the keys that a step has."""
     return [key for key in step.model_fields_set if getattr(step, key) is not None]
 
 
@@ -106,7 +106,7 @@ def _planned(
     parts = _parts({key: getattr(step, key) for key in given}, path, mistakes, known)
     action = one_of(given, ACTIONS, path, mistakes)
     if step.at is None and step.when is None:
-        mistakes.add(path, "must say `at` how many seconds, or `when` what has happened")
+        mistakes.add(path, "needs `at`, a time in seconds, or `when`, a match")
     if step.at is not None and step.at >= scenario.lasts_s:
         mistakes.add((*path, "at"), f"is after the end: the scenario lasts {scenario.lasts_s:g} s")
     if known is not None:
@@ -138,12 +138,12 @@ def _check_names(step: Step, path: KeyPath, known: TracedLift, mistakes: Mistake
     if step.robot is not None:
         named += [(("robot", "from"), step.robot.from_), (("robot", "to"), step.robot.to)]
         if step.robot.from_ == step.robot.to:
-            mistakes.add((*path, "robot", "to"), "is where it starts; name another floor")
+            mistakes.add((*path, "robot", "to"), "is where the robot starts; name another floor")
     if step.inputs is not None:
         for key in ("car_buttons", "landing_buttons"):
             named += [(("inputs", key, place), floor) for place, floor in enumerate(getattr(step.inputs, key))]
         if not any(value for _, value in step.inputs):
-            mistakes.add((*path, "inputs"), "is empty; say what people press or block")
+            mistakes.add((*path, "inputs"), "is empty; name what people press or block")
     for place, floor in named:
         if floor not in known.floors:
             mistakes.add((*path, *place), f"no floor {floor!r}; there is {', '.join(known.floors)}")
@@ -162,4 +162,4 @@ def _check_parts(parts: Parts, path: KeyPath, known: TracedLift, mistakes: Mista
         message = f"no command {parts.fault.command!r}; the map has {', '.join(sorted(known.commands))}"
         mistakes.add((*here, "command"), message)
     elif parts.fault.command in known.calls and parts.fault.pressed and parts.fault.floor is None:
-        mistakes.add(here, f"must say for which `floor` {parts.fault.command} is written")
+        mistakes.add(here, f"must name the `floor` for which {parts.fault.command} is written")

@@ -1,4 +1,4 @@
-"""The trace of a run: what happened, entry by entry, in the order in which it happened."""
+"""The trace of a run: what happened, entry by entry, in order."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Value = bool | float | str | tuple[str, ...] | None
 Subject = tuple[str, str, Value, Value]
 
 _TIME_OF_DAY = re.compile(r" since \d{4}-\d\d-\d\d \d\d:\d\d| \(\d{4}-\d\d-\d\d \d\d:\d\d\)")
-"""In texts for people; the time of day is not part of a run that is to be repeated."""
+"""The time of day in texts for people. It is removed, so that every run of a scenario has the same trace."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,34 +39,34 @@ class Entry:
     lift: str
     kind: str
     fields: Mapping[str, Value]
-    """As in `vocabulary.KINDS`; a field that has nothing to say is None."""
+    """As in `vocabulary.KINDS`; a field without a value is None."""
 
     @property
     def subject(self) -> Subject:
-        """What it replaces: an entry that lasts holds until the next one about the same."""
+        """What the entry is about: an entry that lasts holds until the next one with the same subject."""
         fields = self.fields if self.kind in ("fault", "wire") else {}
         return self.lift, self.kind, fields.get("fault"), fields.get("controller")
 
     def as_json(self) -> str:
-        """Return it as one line of a trace file."""
+        """Return the entry as one line of a trace file."""
         return json.dumps({"at_s": self.at_s, "lift": self.lift, "kind": self.kind, **self.fields}, ensure_ascii=False)
 
 
 @dataclass(frozen=True, slots=True)
 class TracedLift:
-    """What the recorder must know of one lift to speak in words."""
+    """The facts about one lift that the recorder needs."""
 
     floors: tuple[FloorName, ...]
     commands: frozenset[str]
     calls: frozenset[str]
-    """Those commands that name a floor."""
+    """The commands that name a floor."""
     controllers: tuple[str, ...]
     objection: Callable[[Fault], str]
-    """Why the simulated lift cannot have a fault; empty when it can."""
+    """Returns why the simulated lift cannot have a fault; empty if it can."""
 
 
 class Recorder:
-    """Writes the trace; one of the witnesses of a world. Times are rounded to microseconds."""
+    """A witness of a world that writes the trace. Times are rounded to microseconds."""
 
     def __init__(self, lifts: Mapping[str, TracedLift]) -> None:
         self.entries: list[Entry] = []
@@ -77,15 +77,15 @@ class Recorder:
         self._open = True
 
     def holding(self, lift: str, kind: str) -> list[Entry]:
-        """Return the entries of a kind that lasts which hold now."""
+        """Return the entries of this kind that hold now."""
         return [entry for entry in self._newest.values() if (entry.lift, entry.kind) == (lift, kind)]
 
     def close(self) -> None:
-        """Take no more: what follows is the end of the run, and not part of it."""
+        """Ignore everything from now on: it belongs to the end of the run."""
         self._open = False
 
     def note(self, at: float, lift: str, kind: str, fields: Mapping[str, object]) -> None:
-        """Add an entry; fields that are not given are None."""
+        """Add an entry; missing fields are None."""
         if not self._open:
             return
         entry = Entry(round(at, 6), lift, kind, {name: _value(fields.get(name)) for name in KINDS[kind].fields})
@@ -95,10 +95,10 @@ class Recorder:
         if self.on_entry is not None:
             self.on_entry(entry)
 
-    # -- what a world tells
+    # -- Witness
 
     def on_truth(self, at: float, lift: str, truth: Truth) -> None:
-        """Note the truth where it has changed, and what is no longer asked for."""
+        """Record a changed physical state, and the commands that are no longer written."""
         before, given = self._given[lift], dict(truth.given)
         self._given[lift] = given
         self._changed(at, lift, "truth", _truth_fields(truth, self._lifts[lift].floors))
@@ -107,26 +107,26 @@ class Recorder:
                 self.note(at, lift, "release", self._command(lift, name, value))
 
     def on_press(self, at: float, lift: str, commands: frozenset[str]) -> None:
-        """Note each command that a write newly asks for."""
+        """Record each new command."""
         for name in sorted(commands):
             self.note(at, lift, "press", self._command(lift, name, self._given[lift].get(name, 0)))
 
     def on_state(self, at: float, lift: str, state: LiftState) -> None:
-        """Note a state that differs from the one before in more than its age."""
+        """Record a state that differs from the one before in more than its age."""
         self._changed(at, lift, "state", _state_fields(state))
 
     def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
-        """Leave the bytes out: what they did is in the other entries."""
+        """Record nothing: the effects are in the other entries."""
 
     def on_event(self, at: float, event: Event) -> None:
-        """Note what the manager sends out."""
+        """Record an event of the manager."""
         found = _event_fields(event)
         if found is not None:
             kind, fields = found
             self.note(at, event.lift, kind, fields)
 
     def on_request(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
-        """Note a request with its reply."""
+        """Record a request with its answer."""
         fields = {
             "holder": request.holder,
             "floor": request.floor,
@@ -137,7 +137,7 @@ class Recorder:
         self.note(at, request.lift, "request", fields)
 
     def on_fault(self, at: float, change: FaultChange) -> None:
-        """Note a fault; one on a wire is one of every lift behind it."""
+        """Record a fault; a fault on a wire is recorded for every lift behind it."""
         fields = {"fault": fault_name(change.fault), "began": change.began}
         if change.where in self._lifts:
             self.note(at, change.where, "fault", fields)
@@ -159,14 +159,14 @@ class Recorder:
 
 
 def reply_fields(refused: RequestRefused | None) -> Mapping[str, object]:
-    """Return what a reply of the manager says; None is a request that was taken."""
+    """Return the fields of an answer of the manager; `refused` is None for an accepted request."""
     if refused is None:
         return {"accepted": True}
     return {"accepted": False, "code": refused.code, "message": refused.message}
 
 
 def changes(entries: Iterable[Entry]) -> Iterator[tuple[Entry, Mapping[str, Value]]]:
-    """Yield each entry with the fields that say something: of one that lasts, those that differ from the one before."""
+    """Yield each entry with its relevant fields: of a state or truth those that have changed, of others those with a value."""
     newest: dict[Subject, Entry] = {}
     for entry in entries:
         before = newest.get(entry.subject) if KINDS[entry.kind].lasts and entry.kind in ("state", "truth") else None
@@ -249,12 +249,12 @@ def _event_fields(event: Event) -> tuple[str, Mapping[str, object]] | None:
             | events.CommandFollowed()
             | RideChanged()
         ):
-            return None  # of these the states, and the answers to people, are entries of their own
+            return None  # states and answers to people have entries of their own; the others are not part of a trace
         case _:
             assert_never(event)
 
 
 def holder_of(text: str) -> Holder:
-    """Read a holder as it is shown: `fleet:r1`, or one word for a face with a single caller."""
+    """Parse a holder: `fleet:r1`, or one word for a face with a single caller."""
     face, _, name = text.partition(":")
     return Holder(face, name or face)

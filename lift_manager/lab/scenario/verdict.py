@@ -1,4 +1,4 @@
-"""What became of a scenario, for people and for programs."""
+"""The verdict on a scenario, for people and for programs."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Verdict:
     ok: bool
     expectations: tuple[Judgement, ...]
     problems: tuple[str, ...]
-    """Steps that could not be done."""
+    """Steps that were not carried out."""
     findings: tuple[str, ...]
-    """What the judge found: lies of the manager, whatever the file expects."""
+    """The violations that the judge found, whatever the file expects."""
     undetectable: tuple[str, ...]
-    """What the judge let pass, for nobody behind these registers can see it."""
+    """What the judge excused because it cannot be seen through these registers."""
     judged: int
     invitations: int
     released: bool
@@ -54,12 +54,12 @@ class Verdict:
 
 
 def verdict_of(played: ScenarioResult) -> Verdict:
-    """Judge what was played."""
+    """Judge the result of playing a scenario."""
     loaded = played.scenario
     judgements = tuple(
         judgement for expected in loaded.expected for judgement in _judged(expected, played, loaded.scenario.lasts_s)
     )
-    passed = [
+    excused = [
         f"{lift}: {rule}, after {fault}: {number} times" for (lift, rule, fault), number in played.excused.items()
     ]
     return Verdict(
@@ -71,7 +71,7 @@ def verdict_of(played: ScenarioResult) -> Verdict:
         expectations=judgements,
         problems=tuple(played.problems),
         findings=tuple(str(finding).strip() for finding in played.findings),
-        undetectable=tuple(passed),
+        undetectable=tuple(excused),
         judged=played.judged,
         invitations=played.invitations,
         released=played.released,
@@ -80,7 +80,7 @@ def verdict_of(played: ScenarioResult) -> Verdict:
 
 
 def lines(verdict: Verdict) -> Iterator[str]:
-    """Say it in full, a line at a time."""
+    """Yield the verdict in full, line by line."""
     yield f"{verdict.file}: {verdict.title} (seed {verdict.seed}, {verdict.lasts_s:g} s, {verdict.entries} entries)"
     for judgement in verdict.expectations:
         yield from _expectation_lines(judgement)
@@ -90,16 +90,16 @@ def lines(verdict: Verdict) -> Iterator[str]:
         yield from _indented(f"  FAILED  judge: {finding}")
     if not verdict.findings:
         yield (
-            f"  ok      judge: compared {verdict.judged} published states with the truth, {verdict.invitations} said open"
+            f"  ok      judge: compared {verdict.judged} published states with the truth, {verdict.invitations} of them open"
         )
-    for passed in verdict.undetectable:
-        yield f"          let pass as undetectable: {passed}"
+    for excused in verdict.undetectable:
+        yield f"          excused as undetectable: {excused}"
     if not verdict.released:
-        yield "          at the end not every output was seen to be let go"
+        yield "          the release of some outputs at the end was not verified"
 
 
 def summary(verdict: Verdict) -> str:
-    """Say it in one line."""
+    """Return the verdict in one line."""
     failed = sum(not one.ok for one in verdict.expectations) + len(verdict.problems) + len(verdict.findings)
     word = "ok    " if verdict.ok else "FAILED"
     return f"{word}  {verdict.file}: {verdict.title}" + ("" if verdict.ok else f" ({failed} failed)")

@@ -1,4 +1,4 @@
-"""Every kind of entry that a trace has, with its fields: what a match in a scenario file may name, and what docs/reference/scenarios.md lists."""
+"""Every kind of trace entry with its fields. A match in a scenario file names these; docs/reference/scenarios.md lists them."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from simulator.wire_faults import WIRE_FAULTS
 
 @unique
 class ValueType(StrEnum):
-    """What the value of a field is."""
+    """The type of a field's value."""
 
     TEXT = "text"
-    WORD = "a word of a list"
-    """One of a closed list."""
+    WORD = "one of a list"
+    """One of a closed list of words."""
     FLOOR = "floor"
     NUMBER = "number"
     FLAG = "true or false"
@@ -32,7 +32,7 @@ class ValueType(StrEnum):
 
 
 LISTS = frozenset({ValueType.FLOORS, ValueType.COMMANDS})
-"""Fields with several values; a match with one of them is a match."""
+"""Types with several values. A field matches if one of its values does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Field:
     sort: ValueType
     about: str
     words: tuple[str, ...] = ()
-    """Of a closed list, all of it."""
+    """All words of a closed list."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +51,13 @@ class Kind:
 
     about: str
     lasts: bool
-    """Whether an entry holds until the next one of its kind; otherwise it is over in a moment."""
+    """Whether an entry holds until the next one about the same; otherwise it is over in a moment."""
     fields: Mapping[str, Field]
 
 
 @unique
 class RequestedDoor(StrEnum):
-    """What a request wants of the door."""
+    """What a request needs of the door."""
 
     OPEN = "open"
     CLOSED = "closed"
@@ -65,7 +65,7 @@ class RequestedDoor(StrEnum):
 
 @unique
 class OperatorAction(StrEnum):
-    """An action of a person on the manager."""
+    """An operator action."""
 
     ACKNOWLEDGE = "acknowledge"
     LOCK_OUT = "lock_out"
@@ -76,7 +76,7 @@ class OperatorAction(StrEnum):
 
 @unique
 class RobotProgress(StrEnum):
-    """How far a robot is, by its own account."""
+    """What a robot is doing, by its own account."""
 
     CALLS = "calls"
     ENTERS = "enters"
@@ -104,108 +104,108 @@ def _flag(about: str) -> Field:
 
 _HOLDER = _text("whose session, such as `fleet:r1`")
 _BEGAN = _flag("false when it ends")
-_ACCEPTED = _flag("whether the answer was yes")
-_CODE = _words(Refusal, "why not")
-_MESSAGE = _text("why not, in words")
+_ACCEPTED = _flag("whether the manager accepted it")
+_CODE = _words(Refusal, "why it was refused")
+_MESSAGE = _text("why it was refused, in words")
 
 KINDS: Mapping[str, Kind] = {
     "state": Kind(
-        "what every face shows, whenever it changes in more than its age",
+        "what every face publishes, whenever it changes in more than its age",
         lasts=True,
         fields={
-            "quality": _words(Quality, "whether it may be acted on"),
+            "quality": _words(Quality, "whether it is current enough to act on"),
             "reason": _text("why it is offline"),
-            "age_s": Field(ValueType.NUMBER, "age of the reading behind it, when it was published"),
+            "age_s": Field(ValueType.NUMBER, "age of the reading behind it at publication"),
             "floor": _floor("where the car stands or passes"),
             "standing": _flag("the car stands at `floor`"),
             "destination": _floor("the floor of the session, else `floor`"),
             "robot_door": _words(RobotDoor, "the door for robots; `open` is an invitation"),
             **{f"door.{side}": _words(Door, "the door itself") for side in Side},
             "motion": _words(Motion, "what the car does"),
-            "mode": _words(Mode, "the service that the lift tells"),
-            "holder": _text("who holds the lift"),
+            "mode": _words(Mode, "the mode that the lift reports"),
+            "holder": _text("whose session holds the lift"),
             "fire_latched": _flag("a fire that nobody has acknowledged"),
             "lockout": _text("who keeps robots off, and why"),
-            "drain": _text("who lets sessions end and no new one begin, and why"),
+            "drain": _text("who drains the lift, and why: sessions end, and no new one begins"),
             "maybe_aboard": _text("whose robot may be in the car"),
             "waiting_for": _text("what the session waits for"),
         },
     ),
     "truth": Kind(
-        "what the simulated lift really does, by its own physics, whenever that changes",
+        "the physical state of the simulated lift, whenever it changes",
         lasts=True,
         fields={
-            "floor": _floor("in whose door zone the car is"),
-            "open_at": _floor("where every door is fully open"),
+            "floor": _floor("the floor in whose door zone the car is"),
+            "open_at": _floor("the floor at which every door is fully open"),
             "standing": _flag("the car does not move"),
             "doors_shut": _flag("every door is fully closed"),
-            "mode": _words(Mode, "the service that the lift is in"),
+            "mode": _words(Mode, "the mode that the lift is in"),
             "robot_mode": _flag("robot mode is granted"),
             "calls": Field(ValueType.FLOORS, "car calls that are not served yet"),
             "commands": Field(ValueType.COMMANDS, "what is written to the controller, whether or not it obeys"),
         },
     ),
     "press": Kind(
-        "a write that newly asks the controller for something",
+        "a write that gives the controller a new command",
         lasts=False,
-        fields={"command": _text("as in the map"), "floor": _floor("of a call")},
+        fields={"command": _text("as in the map"), "floor": _floor("the floor of a call")},
     ),
     "release": Kind(
-        "what the controller was asked for is written no more, whoever let go of it",
+        "a command is no longer written to the controller, whoever released it",
         lasts=False,
-        fields={"command": _text("as in the map"), "floor": _floor("of a call")},
+        fields={"command": _text("as in the map"), "floor": _floor("the floor of a call")},
     ),
     "outcome": Kind(
         "what became of a command",
         lasts=False,
         fields={
             "command": _text("as in the map"),
-            "floor": _floor("of a call"),
+            "floor": _floor("the floor of a call"),
             "result": _words(Result, "how it ended"),
             "proof": _words(Proof, "what confirmed it"),
             "reason": _text("why it was not confirmed"),
         },
     ),
     "session": Kind(
-        "somebody holds the lift, or no longer does",
+        "a session begins or ends",
         lasts=True,
         fields={
             "open": _flag("false when it ends"),
             "holder": _HOLDER,
-            "floor": _floor("wanted when it began"),
+            "floor": _floor("the floor requested when it began"),
             "reason": _words(EndReason, "why it ended"),
             "text": _text("why it ended, in words"),
-            "advice": _words(Advice, "what its robot does best"),
+            "advice": _words(Advice, "what its robot should do"),
         },
     ),
     "advice": Kind(
-        "a robot is told what to do before everything is let go",
+        "advice to a robot before the manager releases its outputs",
         lasts=False,
-        fields={"holder": _HOLDER, "advice": _words(Advice, "what"), "text": _text("in words")},
+        fields={"holder": _HOLDER, "advice": _words(Advice, "what its robot should do"), "text": _text("in words")},
     ),
     "alarm": Kind(
-        "something a person should know of",
+        "something that a person should know about",
         lasts=False,
         fields={"text": _text("in words"), "holder": _HOLDER},
     ),
     "request": Kind(
-        "a request to the manager, with the answer",
+        "a request to the manager, with its answer",
         lasts=False,
         fields={
-            "holder": _text("who asks"),
-            "floor": _floor("wanted"),
-            "door": _words(RequestedDoor, "`open` holds it, `closed` releases the lift"),
-            "robot": _words(RobotWord, "what the robot says about itself"),
+            "holder": _text("the caller"),
+            "floor": _floor("the requested floor"),
+            "door": _words(RequestedDoor, "`open` holds the door, `closed` releases the lift"),
+            "robot": _words(RobotWord, "what the robot reports"),
             "accepted": _ACCEPTED,
             "code": _CODE,
             "message": _MESSAGE,
         },
     ),
     "person": Kind(
-        "what a person says to the manager, with the answer",
+        "an operator action, with its answer",
         lasts=False,
         fields={
-            "says": _words(OperatorAction, "what"),
+            "says": _words(OperatorAction, "the action"),
             "by": _text("their name"),
             "accepted": _ACCEPTED,
             "code": _CODE,
@@ -213,12 +213,12 @@ KINDS: Mapping[str, Kind] = {
         },
     ),
     "robot": Kind(
-        "how far a robot of the scenario is, by its own account",
+        "what a robot of the scenario is doing, by its own account",
         lasts=False,
         fields={
-            "holder": _text("as whom it asks"),
-            "does": _words(RobotProgress, "what it begins; `done`: it is out at its destination"),
-            "floor": _floor("where it calls, enters, rides to, leaves"),
+            "holder": _text("the caller in whose name it sends requests"),
+            "does": _words(RobotProgress, "what it begins to do; `done`: it has left the car at its destination"),
+            "floor": _floor("where it calls, enters, rides to or leaves"),
         },
     ),
     "fault": Kind(
@@ -239,7 +239,7 @@ KINDS: Mapping[str, Kind] = {
         lasts=True,
         fields={
             "fault": _words(map(kind_name, WIRE_FAULTS), "as under `wire:`"),
-            "controller": _text("on whose wire"),
+            "controller": _text("the controller at the end of the wire"),
             "began": _BEGAN,
         },
     ),

@@ -126,7 +126,7 @@ def test_what_was_never_on_trial_has_failed(m: Matches, kind: str) -> None:
     demand = Never(m("kind: press"), during) if kind == "never" else Count(m("kind: press"), 0, 0, during)
     result = judge(demand, with_press(3.0))
     assert isinstance(result, Broken)
-    assert "never on trial: truth mode emergency" in result.text
+    assert "never tested: truth mode emergency" in result.text
 
 
 def test_something_happens_in_time_or_it_does_not(m: Matches) -> None:
@@ -165,7 +165,7 @@ def test_what_holds_already_has_followed(m: Matches) -> None:
 def test_nothing_follows_what_never_came(m: Matches) -> None:
     result = judge(Eventually(m("kind: press"), None, m("kind: truth, mode: emergency")), with_press(3.0))
     assert isinstance(result, Broken)
-    assert "never on trial" in result.text
+    assert "never tested" in result.text
 
 
 def test_order_is_kept_whatever_lies_between(m: Matches) -> None:

@@ -128,7 +128,7 @@ def test_what_nobody_can_see_is_printed(tmp_path: Path) -> None:
     path.write_text(text_of(do=do, head=HEAD.replace("generic-registers", "seer-siemens-chengdu").replace("60", "20")))
     done = call(path)
     assert done.code == 0
-    assert "let pass as undetectable: lift: pressed in a forbidden mode, after in_mode.fire: " in done.out
+    assert "excused as undetectable: lift: pressed in a forbidden mode, after in_mode.fire: " in done.out
 
 
 def test_a_site_that_cannot_be_simulated_is_a_mistake(tmp_path: Path) -> None:

@@ -27,14 +27,14 @@ def only(folder: Path, text: str) -> str:
     ("step", "said"),
     [
         ("{at: 1}", "do[0]: must have one of request, robot, fault"),
-        ("{fault: overload}", "do[0]: must say `at` how many seconds, or `when` what has happened"),
+        ("{fault: overload}", "do[0]: needs `at`, a time in seconds, or `when`, a match"),
         ("{at: 60, fault: overload}", "do[0].at: is after the end: the scenario lasts 60 s"),
-        ("{at: 1, fault: overload, wire: half_open}", "do[0].wire: stands beside `fault`"),
+        ("{at: 1, fault: overload, wire: half_open}", "do[0].wire: cannot go with `fault`"),
         ("{at: 1, fault: overload, within_s: 3}", "do[0].within_s: belongs to `when`"),
         ("{at: 1, request: {floor: L1}, for_s: 3}", "do[0].for_s: belongs to `every_s`"),
         ("{at: 1, request: {floor: L9}}", "do[0].request.floor: no floor 'L9'; there is L1, L2, L3, L4"),
         ("{at: 1, request: {floor: L1, door: ajar}}", "must be one of open, closed, not 'ajar'"),
-        ("{at: 1, robot: {from: L1, to: L1}}", "do[0].robot.to: is where it starts"),
+        ("{at: 1, robot: {from: L1, to: L1}}", "do[0].robot.to: is where the robot starts"),
         ("{at: 1, inputs: {landing_buttons: [L1, L9]}}", "do[0].inputs.landing_buttons[1]: no floor 'L9'"),
         ("{at: 1, inputs: {}}", "do[0].inputs: is empty"),
         ("{at: 1, inputs: {hold_door: [left]}}", "do[0].inputs.hold_door[0]: must be one of front, rear"),
@@ -46,7 +46,7 @@ def only(folder: Path, text: str) -> str:
         ("{at: 1, fault: {wrong_floor: {by: 0}}}", "by must not be 0"),
         ("{at: 1, fault: {stuck_door: {side: left}}}", "do[0].fault.stuck_door.side: must be one of front, rear"),
         ("{at: 1, fault: {foreign_writer: {command: goto}}}", "no command 'goto'; the map has close_door.front"),
-        ("{at: 1, fault: {foreign_writer: {command: go_to}}}", "must say for which `floor` go_to is written"),
+        ("{at: 1, fault: {foreign_writer: {command: go_to}}}", "must name the `floor` for which go_to is written"),
         ("{at: 1, fault: {foreign_writer: {command: go_to, floor: X}}}", "no floor 'X'; there is L1, L2, L3, L4"),
         ("{at: 1, fault: {foreign_cell: {table: input, address: 0, value: 1}}}", "input:0 cannot be written"),
         ("{at: 1, fault: {foreign_cell: {table: holding, address: 99, value: 1}}}", "answers a write of 1"),
@@ -55,15 +55,15 @@ def only(folder: Path, text: str) -> str:
         ("{at: 1, wire: {delay: 1, on: {access: reads}}}", "do[0].wire.on: is `only` in a scenario"),
         ("{at: 1, wire: {delay: 1, only: {access: red}}}", "did you mean `reads`?"),
         ("{at: 1, wire: {delay: 1, controller: east}}", "no controller 'east'; there is controller"),
-        ("{at: 1, wire: {delay: 1, half_open: {}}}", "one step has one fault, and delay is it already"),
-        ("{at: 1, wire: {refuse_connections: {}, only: {}}}", "strikes connections, and they are no requests"),
+        ("{at: 1, wire: {delay: 1, half_open: {}}}", "a step has one fault, and this one has delay already"),
+        ("{at: 1, wire: {refuse_connections: {}, only: {}}}", "affects connections, not requests"),
         ("{at: 1, wire: {half_open: {}, times: 0}}", "times 0, allowed 1 or more"),
         ("{at: 1, wire: {half_open: 3}}", "do[0].wire.half_open: has no values; write half_open: {}"),
         ("{at: 1, people: 3}", "do[0].people: must be a table of keys"),
         ("{at: 1, people: {per_minut: 3}}", "did you mean `per_minute`?"),
         ("{at: 1, people: {per_minute: 0}}", "traffic needs somebody who comes"),
         ("{at: 1, lock_out: {by: Dana}}", "do[0].lock_out.reason: is missing"),
-        ("{when: {state: open}, fault: overload}", "do[0].when: must say of which `kind` of entry; there is state"),
+        ("{when: {state: open}, fault: overload}", "do[0].when: must name a `kind` of entry; there is state"),
         ("{when: {kind: stat}, fault: overload}", "do[0].when.kind: must be a kind of entry, not 'stat'; did you"),
         ("{when: {kind: state, robot_doors: open}, fault: overload}", "state has no such field; did you mean"),
         ("{when: {kind: state, robot_door: opened}, fault: overload}", "must be one of closed, moving, open"),
@@ -85,17 +85,17 @@ def test_a_step_with_a_mistake_is_refused(tmp_path: Path, step: str, said: str) 
     ("expectation", "said"),
     [
         ("{because: I like it}", "must have one of never, eventually, ordered, count"),
-        ("{never: {kind: press}, count: {kind: press}, exactly: 1}", "stands beside `never`"),
+        ("{never: {kind: press}, count: {kind: press}, exactly: 1}", "cannot go with `never`"),
         ("{never: {kind: press}, while: {kind: press}}", "a press is over in a moment; `while` takes what lasts"),
         ("{never: {kind: press}, settled_s: 1}", "expect[0].settled_s: belongs to `while`"),
         ("{never: {kind: press}, within_s: 1}", "expect[0].within_s: belongs to `eventually`"),
         ("{never: {kind: press}, after: {kind: press}}", "expect[0].after: belongs to `eventually`"),
-        ("{count: {kind: press}}", "must stand beside at_least, at_most or exactly"),
-        ("{count: {kind: press}, at_least: 0}", "of 0 is always so"),
-        ("{count: {kind: press}, exactly: 1, at_most: 2}", "leaves nothing to at_least and at_most"),
+        ("{count: {kind: press}}", "needs at_least, at_most or exactly"),
+        ("{count: {kind: press}, at_least: 0}", "of 0 is always met"),
+        ("{count: {kind: press}, exactly: 1, at_most: 2}", "cannot go with at_least or at_most"),
         ("{ordered: [{kind: press}]}", "expect[0].ordered: must have at least 2 matches, not 1"),
         ("{ordered: [{kind: press}, {kind: alrm}]}", "expect[0].ordered[1].kind: must be a kind of entry"),
-        ("{eventually: {kind: press}, within_s: 61}", "is more than the scenario lasts: 60 s"),
+        ("{eventually: {kind: press}, within_s: 61}", "is longer than the scenario lasts: 60 s"),
         ("{eventually: {kind: press}, after_s: 9, before_s: 8}", "must be more than after_s, which is 9"),
         ("{eventually: {kind: press}, lift: north}", "no lift 'north'; there is lift"),
         ("{eventually: press}", "expect[0].eventually: must be a match, such as"),
@@ -110,8 +110,8 @@ def test_an_expectation_with_a_mistake_is_refused(tmp_path: Path, expectation: s
 @each_row(
     ("head", "said"),
     [
-        (HEAD.replace("map: generic-registers\n", ""), "names either a `map`, for one lift, or a `site`"),
-        (HEAD + "site: here.yaml\n", "names either a `map`, for one lift, or a `site`"),
+        (HEAD.replace("map: generic-registers\n", ""), "must name either a `map`, for one lift, or a `site`"),
+        (HEAD + "site: here.yaml\n", "must name either a `map`, for one lift, or a `site`"),
         (HEAD.replace("generic-registers", "generic-register"), "map: no map has this name; did you mean"),
         (HEAD.replace("generic-registers", "./my.yaml"), "map: there is no such file"),
         (HEAD.replace("map: generic-registers", "site: my.yaml"), "site: there is no such file"),
@@ -158,13 +158,13 @@ def test_a_site_brings_its_own_lifts(tmp_path: Path) -> None:
     assert scenario.site.site.lifts["e"].robot_hours is None
     said = findings(tmp_path, text_of(head=head, do="  - {at: 1, fault: overload}\n"))
     assert said == [
-        "6: do[0]: must say which `lift`; there is e, w",
-        "8: expect[0]: must say which `lift`; there is e, w",
+        "6: do[0]: must name the `lift`; there is e, w",
+        "8: expect[0]: must name the `lift`; there is e, w",
     ]
     told = findings(
         tmp_path, text_of(head=head + "floors: {A: 1, B: 2}\n", do=do, expect="  - {never: {kind: alarm}}\n")
     )
-    assert told == ["5: floors: is said by the site file; remove it here, or name a `map`"]
+    assert told == ["5: floors: is set by the site file; remove it here, or name a `map`"]
 
 
 def test_a_map_may_be_a_file_beside_the_scenario(tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ def test_what_never_comes_about_fails_the_scenario(tmp_path: Path, within: str, 
     do = f"  - {{when: {{kind: state, mode: fire}}{within}, fault: overload}}\n"
     found = verdict(tmp_path, text_of(do=do, head=SHORT))
     assert not found.ok
-    assert found.problems == (f"line 6: fault was not done: state mode fire did not come about {said}",)
+    assert found.problems == (f"line 6: fault was not carried out: state mode fire did not occur {said}",)
 
 
 def test_a_foreign_writer_presses_nothing_of_ours(tmp_path: Path) -> None:
