@@ -1,4 +1,4 @@
-"""Three lifts with simulated controllers and a manager, in one process, with nothing to configure."""
+"""Runs three lifts with simulated controllers and a manager in one process, without configuration."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ LIFTS = (
 
 
 async def run_demo(sock: socket, *, speed: float, console: Console) -> bool:
-    """Run the demo on a listening socket until SIGTERM or Ctrl-C; returns whether the release of every output was verified."""
+    """Run the demo on a listening socket until SIGTERM or Ctrl-C. Returns whether the release of every output was verified."""
     stop = asyncio.Event()
     stop_on_signals(stop)
     async with AsyncExitStack() as stack:
@@ -107,9 +107,9 @@ def _guide(console: Console, sock: socket, ports: Mapping[str, int]) -> None:
         f'  {post} \'{{"floor": "L2", "door_state": 2}}\'',
         "Watch it go (door_state 2 is open, motion_state 1 is up):",
         f"  curl '{base}/lift_state?lift_name=lift'",
-        "Let it go back to people:",
+        "Release it:",
         f'  {post} \'{{"floor": "L2", "door_state": 0}}\'',
-        "The same with a ride, and what happens meanwhile:",
+        "Do the same with a ride, and follow the events:",
         *_ride_lines(LIFTS[0], f"http://{host}:{port}"),
         "",
         *(

@@ -1,4 +1,4 @@
-"""Makes simulated lifts for demo and `simulate`: a controller and its devices from a map, floors and a speed."""
+"""Makes simulated lifts: a controller and its devices from a map, floors and a speed."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from simulator.server import SimulatedController
 from simulator.state import Parameters
 
 HIGHEST_TRIED = 99
-"""The highest floor code that is tried if codes are numbers. Chosen: more than any building has."""
+"""The highest floor code that is tried if codes are numbers. Chosen: higher than in any building."""
 USUAL_FLOORS = 4
-"""Chosen: floors of a simulated building if its map leaves the choice."""
+"""How many floors a simulated building has if its map allows any number. Chosen."""
 
 
 def simulated_lift(
     codec: Codec, floors: Mapping[str, int], *, speed: float = 1.0, like: Parameters | None = None
 ) -> RegisterFace:
-    """Return a lift with these floors (name to code, lowest first), standing at the lowest listed floor that is not a basement.
+    """Return a lift with these floors (name to code, lowest first), standing at the lowest floor that is not a basement.
 
-    A map whose commands need robot mode but cannot ask for it gets a lift whose key switch stands on robot. `like` are
-    further settings; its building is replaced. Raises ValueError for a floor that the map cannot express.
+    If the commands of a map need robot mode and it has no command for it, the key switch of the lift is set to robot. `like` has further
+    settings; its building is replaced. Raises ValueError for a floor that the map cannot express.
     """
     needs_mode = any("robot_mode_on" in command.spec.requires for command in codec.commands.values())
     key = Key.ROBOT if needs_mode and "robot_mode" not in codec.commands else Key.NORMAL
@@ -42,9 +42,9 @@ def simulated_lift(
 
 
 def default_floors(source: RegisterMap) -> dict[str, int]:
-    """Return floors that a map can express, for a simulation nobody gave floors to: L1, L2 and so on, four if it may choose.
+    """Return floors that a map can express, for a simulation without floors of its own: L1, L2 and so on, four if the map allows any.
 
-    Raises ValueError for a map that cannot express two.
+    Raises ValueError for a map that cannot express two floors.
     """
     codec = compile_map(source)
     listed = list(_listed(codec))
@@ -63,7 +63,7 @@ def default_floors(source: RegisterMap) -> dict[str, int]:
 def controllers(
     source: RegisterMap, lift: RegisterFace, *, host: str = "127.0.0.1", port: int = 0
 ) -> dict[str, SimulatedController]:
-    """Return one server for the controller (its name is empty) and one for each endpoint of the map, on the ports after it."""
+    """Return a server for the controller, under an empty name, and one for each endpoint of the map, on the following ports."""
     devices = {"": lift} | {name: lift.endpoint(name) for name in source.endpoints}
     return {
         name: SimulatedController({source.unit_of(name): device}, host=host, port=port + number if port else 0)
@@ -72,14 +72,14 @@ def controllers(
 
 
 def blind_spots(codec: Codec) -> tuple[str, ...]:
-    """Return a text about what a map does not show of its lift."""
+    """Return what a map does not show of its lift, as phrases."""
     signals = codec.signals.keys()
     blind = [] if "car_floor" in signals else ["where the car is"]
     return (*blind, *([] if any(name.startswith("door.") for name in signals) else ["whether its door is open"]))
 
 
 def _listed(codec: Codec) -> Iterator[Collection[int]]:
-    """Yield the floor codes that a map lists: of each signal with one point per floor or a table of positions, and of each call."""
+    """Yield the floor codes of each signal and call that lists them: one point per floor, or a table of positions."""
     yield from (signal.floor_codes for signal in codec.signals.values() if signal.per_floor)
     yield from (spec.positions for spec in codec.map.signals.values() if spec.positions is not None)
     yield from (call.spec.floor_codes for call in codec.commands.values() if call.spec.one_of is not None)

@@ -1,4 +1,4 @@
-"""One simulated lift that any Modbus tool can read and command."""
+"""Serves one simulated lift that any Modbus tool can read and command."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from register_maps.schema import RegisterMap
 async def run_simulation(
     source: RegisterMap, *, host: str, port: int, floors: Mapping[str, int] | None, speed: float, console: Console
 ) -> None:
-    """Serve one lift until SIGTERM or Ctrl-C. Raises OSError for a port that is taken, ValueError for a floor that does not fit."""
+    """Serve one lift until SIGTERM or Ctrl-C. Raises OSError for a port in use, and ValueError for a floor that the map cannot express."""
     stop = asyncio.Event()
     stop_on_signals(stop)
     codec = compile_map(source)
@@ -54,8 +54,8 @@ def _describe(console: Console, codec: Codec, floors: Mapping[str, int], where: 
     console.print(grid)
     console.print("Floors: " + ", ".join(f"{name} = {code}" for name, code in floors.items()))
     if blind := blind_spots(codec):
-        lift = f"There is a lift behind these registers, but they do not tell {' or '.join(blind)}"
-        console.print(f"{lift}: its outputs can be written and read back, and nobody sees what the lift makes of them.")
+        lift = f"There is a lift behind these registers, but they do not show {' or '.join(blind)}"
+        console.print(f"{lift}: its outputs can be written and read back, but their effect cannot be seen.")
     for line in tryout.lines(codec, floors, where):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     console.print("Ctrl-C ends it.")

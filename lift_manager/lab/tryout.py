@@ -1,4 +1,4 @@
-"""Lines to paste into a shell that read a simulated lift and command it. Pure."""
+"""Makes shell commands that read and command a simulated lift. Pure."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _TYPE = {Table.COIL: 0, Table.DISCRETE: 1, Table.INPUT: 3, Table.HOLDING: 4}
 """mbpoll's option -t."""
 
 MOST_PER_READ = 125
-"""mbpoll reads no more at once, bits included."""
+"""mbpoll reads no more addresses at once, bits included."""
 
 
 def lines(codec: Codec, floors: Mapping[str, int], where: Mapping[str, str]) -> list[str]:
-    """Return lines that read everything and give every command once; `where` is host:port of each device."""
-    made = ["", "Read what it says, or give a command, with any Modbus tool; with mbpoll for example:"]
+    """Return lines that read every signal and give every command once; `where` has host:port of each device."""
+    made = ["", "Read its signals or give a command with any Modbus tool, for example mbpoll:"]
     made += [f"  {line}" for line in _reads(codec, where)]
     for command in codec.commands.values():
         made += [f"  {line}" for line in _gives(codec, command, floors, where)]
@@ -49,11 +49,11 @@ def _gives(codec: Codec, command: CommandCodec, floors: Mapping[str, int], where
     spec = command.spec
     floor, code = list(floors.items())[-1]
     pressed = command.encode(code if command.is_call else 1)
-    # of one output per floor, that of the floor alone
+    # with one output per floor, only the output of this floor
     point = next((point for point, value in pressed.items() if value), command.points[0])
     what = f"# {command.name}{f' {floor}' if command.is_call else ''}"
     if command.is_timed_coil:
-        yield f"{_raw(codec, command, point, where)}   {what}, for {spec.width_s:g} s; mbpoll has no function for that"
+        yield f"{_raw(codec, command, point, where)}   {what}, for {spec.width_s:g} s; mbpoll cannot send that"
         return
     tool, host = _mbpoll(codec, point.endpoint, where)
     to = f"{tool} -t {_TYPE[point.table]} -r {point.address} {host}"
@@ -64,11 +64,11 @@ def _gives(codec: Codec, command: CommandCodec, floors: Mapping[str, int], where
         return
     yield f"{to} {_word(codec, point, pressed[point])}   {what}{_conditions(codec, command)}{shared}"
     if not spec.ends_itself:
-        yield f"{to} {_word(codec, point, command.encode(None)[point])}   # lets go of it"
+        yield f"{to} {_word(codec, point, command.encode(None)[point])}   # releases it"
 
 
 def _word(codec: Codec, point: Point, value: int) -> int:
-    """Contents of a whole address: the point's value among neighbours at rest."""
+    """Return the contents of a whole address: this value, with all other points at rest."""
     cell = 0
     for command in codec.commands.values():
         for other, rest in command.encode(None).items():
@@ -78,7 +78,7 @@ def _word(codec: Codec, point: Point, value: int) -> int:
 
 
 def _raw(codec: Codec, command: CommandCodec, point: Point, where: Mapping[str, str]) -> str:
-    """One function 5 with a duration, byte by byte."""
+    """Return a shell command that sends one function 5 request with a duration, byte by byte."""
     host, _, port = where[point.endpoint].rpartition(":")
     request = frames.pulse_coil(point.address, payload_counts(command.spec), codec.map.unit_of(point.endpoint))
     octal = "".join(f"\\{byte:03o}" for byte in frames.frame(request, 1))

@@ -1,7 +1,7 @@
-"""An asyncio loop whose clock is a number: waiting costs nothing and takes exactly as long as it says.
+"""An asyncio loop whose clock is a number: a wait takes no real time and exactly its virtual time.
 
-For tests of ages, leases, back-off and door timers over the in-memory wire. Sockets, threads and processes live in real
-time and are refused here. Code under test reads the clock as `asyncio.get_running_loop().time()`.
+For tests of ages, leases, back-off and door timers over the in-memory wire. Sockets, threads and processes run in real time and are
+refused here. Code under test reads the clock as `asyncio.get_running_loop().time()`.
 """
 
 import asyncio
@@ -13,43 +13,43 @@ from typing import Any, Never, TypeVar
 T = TypeVar("T")
 
 _TURNS_WITHOUT_TIME = 100_000
-"""Chosen: about a second of spinning, and far more turns than any burst of work between two timers takes."""
+"""Turns of the loop at one time before it counts as spinning. Chosen: about a second, and far more than any burst of work takes."""
 
 _CLEANUP_S = 3600.0
-"""Chosen: after the limit, cancelled tasks may still wait this long while they let go."""
+"""How long cancelled tasks may still wait after the limit, to clean up. Chosen: more than any of them needs."""
 
 
 class VirtualTimeError(AssertionError):
-    """A run under virtual time that cannot be called a success."""
+    """A run under virtual time has failed."""
 
 
 class DeadlockError(VirtualTimeError):
-    """Every task waits, and nothing is scheduled that could wake one of them."""
+    """Every task is waiting, and nothing is scheduled that could wake one of them."""
 
 
 class TimeLimitError(VirtualTimeError):
-    """The next thing to happen lies beyond `limit_s`, or time stands still while tasks keep spinning."""
+    """The next timer is beyond `limit_s`, or time stands still while tasks keep spinning."""
 
 
 class LeftoverTaskError(VirtualTimeError):
-    """The main coroutine returned while tasks that it started were still alive."""
+    """The main coroutine returned while tasks that it had started were still alive."""
 
 
 class UnhandledError(VirtualTimeError):
-    """A callback, or a task that nobody waited for, raised."""
+    """A callback raised, or a task that nobody waited for."""
 
 
 def run_virtual(main: Callable[[], Coroutine[Any, Any, T]], *, limit_s: float = 3600.0) -> T:
-    """Run `main` to its end in virtual time and return its result.
+    """Run `main` in virtual time and return its result.
 
-    Raises a `VirtualTimeError` where a real loop would hang, spin, or forget a task.
+    Raises a `VirtualTimeError` if it would hang or spin, or leaves a task behind.
     """
     with asyncio.Runner(loop_factory=lambda: VirtualTimeLoop(limit_s=limit_s)) as runner:
         return runner.run(_watched(main))
 
 
 async def elapse(seconds: float) -> None:
-    """Let so many virtual seconds pass; refused on a loop on which it would be a sleep."""
+    """Let virtual seconds pass. Refused on a real loop, where it would be a sleep."""
     if not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
         raise VirtualTimeError("tests do not sleep: wait for a condition, or run on virtual time")
     await asyncio.sleep(seconds)
@@ -62,18 +62,18 @@ async def _watched(main: Callable[[], Coroutine[Any, Any, T]]) -> T:
     try:
         result = await main()
     except BaseException as error:
-        if left := _others(loop):
-            error.add_note(f"Tasks left over: {_describe(left)}")
+        if remaining := _others(loop):
+            error.add_note(f"Tasks left over: {_describe(remaining)}")
         raise
-    if left := _others(loop):
-        raise LeftoverTaskError(f"Tasks left over: {_describe(left)}")
+    if remaining := _others(loop):
+        raise LeftoverTaskError(f"Tasks left over: {_describe(remaining)}")
     if errors:
         raise UnhandledError("; ".join(errors))
     return result
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """Starts at 0.0 and jumps to the next timer whenever nothing is ready."""
+    """A loop that starts at 0.0 and jumps to the next timer whenever nothing is ready."""
 
     def __init__(self, *, limit_s: float) -> None:
         self._now_s = 0.0
@@ -106,8 +106,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def _move_to(self, now_s: float) -> None:
         self._now_s = now_s
-        # asyncio calls a timer this much early; any more, and who sleeps until a time wakes before it, sleeps again, and
-        # time stands still for all
+        # asyncio calls a timer early by this much. With more, a task that sleeps until a time would wake before it and sleep again, and
+        # time would stand still.
         self._clock_resolution = math.ulp(now_s)
 
     def _waiting(self) -> str:
@@ -115,7 +115,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
 
 class _JumpingSelector(selectors.DefaultSelector):
-    """Never waits: tells the loop's clock how long it would have waited."""
+    """A selector that never waits: it reports to the clock of the loop how long it would have waited."""
 
     def __init__(self, jump: Callable[[float | None], None]) -> None:
         super().__init__()
@@ -123,12 +123,11 @@ class _JumpingSelector(selectors.DefaultSelector):
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # as typeshed has it
         if self.get_map():  # the first one is the loop's own pipe to itself, for signals
-            raise RuntimeError("a socket or process lives in real time and cannot be used under virtual time")
+            raise RuntimeError("a socket or process runs in real time and cannot be used under virtual time")
         return super().register(fileobj, events, data)
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        # nothing is asked of the system: the one thing registered is the loop's pipe to itself, and what is written there only
-        # wakes a loop that waits
+        # no system call: only the loop's pipe to itself is registered, and a write to it only wakes a loop that waits
         self._jump(timeout)
         return []
 
@@ -142,7 +141,7 @@ def _describe(tasks: Iterable[asyncio.Task[Any]]) -> str:
 
 
 def _place(task: asyncio.Task[Any]) -> str:
-    """The innermost line at which the task stands."""
+    """Return the innermost line at which a task waits."""
     place = "before its first line"
     step: Any = task.get_coro()
     while step is not None and (frame := getattr(step, "cr_frame", None)) is not None:

@@ -156,7 +156,7 @@ def test_a_controller_that_needs_an_edge_wants_rest_before_a_press(rest_s: float
 @each_row(
     ("name", "printed"),
     [
-        ("adam-pushbutton", "they do not tell where the car is or whether its door is open"),
+        ("adam-pushbutton", "they do not show where the car is or whether its door is open"),
         ("wago-750", "read back at coil 512, coil 513"),
         ("robotnik-il-eth", "holding 384.0, holding 384.1, holding 384.2"),
         ("seer-siemens-chengdu", "unit 0"),

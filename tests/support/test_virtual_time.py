@@ -177,7 +177,7 @@ def test_sockets_are_refused_because_they_live_in_real_time() -> None:
         asyncio.get_running_loop().add_reader(here, here.recv, 1)
 
     here, there = socket.socketpair()
-    with here, there, pytest.raises(RuntimeError, match="a socket or process lives in real time"):
+    with here, there, pytest.raises(RuntimeError, match="a socket or process runs in real time"):
         run_virtual(lambda: main(here))
 
 
