@@ -598,11 +598,15 @@ def _false_claims(
     shows, was = about.shows, truths[-1]
     for floor in floors:
         if floor is None or not any(truth.open_at == floor for truth in truths):
-            yield "said open and was not", f"said open at {floor}; the car was {truth_text(was)}", SuspectValues.OPEN
+            yield (
+                "said open and was not",
+                f"published as open at {floor}; the car was {truth_text(was)}",
+                SuspectValues.OPEN,
+            )
         elif shows.permits and not any(truth.awaits and truth.open_at == floor for truth in truths):
             yield (
                 "said open without permission",
-                f"said open at {floor}; the lift did not let the robot in or out",
+                f"published as open at {floor}; the lift did not let the robot in or out",
                 SuspectValues.OPEN,
             )
         if all(truth.mode in shows.modes for truth in truths):
