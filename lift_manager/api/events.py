@@ -1,8 +1,8 @@
-"""What the event stream says. Each event has an id, a name (`event:` of the stream) and one of these objects as its data.
+"""The event stream. Each event has an id, a name (`event:` of the stream) and one of these objects as its data.
 
-An event tells when to ask. What a robot acts on is the answer of GET, or an event whose age plus the time since it was received is
-within the lift's `max_age_s`; one that waited, on the way or behind a broken connection, may be of another moment. An event that is
-older than that when it is handed out invites nobody: a state is offline, and `enter` and `leave` are `wait` and `stay`.
+An event shows when to send a GET. A robot acts on the answer of GET, or on an event whose age plus the time since it was received is
+within the lift's `max_age_s`: an event may have been delayed in transit or by a broken connection. An event that is older than that when
+it is sent invites nobody: a state becomes offline, and `enter` and `leave` become `wait` and `stay`.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from lift_manager.lift.session import Advice, EndReason
 
 
 class Snapshot(Answer):
-    """How things are; what follows are changes. The first event of a stream that does not go on from an earlier one."""
+    """The current state; changes follow. The first event of a stream that does not continue an earlier one."""
 
     event: Literal["snapshot"] = "snapshot"
     lifts: tuple[Lift, ...]
     rides: tuple[Ride, ...]
-    lost: bool = Field(description="The events after `Last-Event-ID` are gone, or were those of another process.")
+    lost: bool = Field(description="Whether the events after `Last-Event-ID` are lost, or belong to another process.")
 
 
 class StateEvent(Answer):
-    """What a lift publishes has changed in more than its age.
+    """The published state of a lift has changed in more than its age.
 
-    Its ages are right within 0.25 s when it is handed to the connection; what was received is as old as that and the time since.
-    One that is older than the lift's `max_age_s` by then says `offline`, whatever the lift was.
+    Its ages are correct within 0.25 s when it is passed to the connection; a client adds the time since it received the event.
+    A state that is older than the lift's `max_age_s` by then is `offline`, whatever it was before.
     """
 
     event: Literal["state"] = "state"
@@ -39,20 +39,22 @@ class StateEvent(Answer):
 
 
 class SessionEvent(Answer):
-    """Who holds a lift has changed."""
+    """A session has begun or ended, or has another holder."""
 
     event: Literal["session"] = "session"
     lift: str
     what: Literal["opened", "restored", "handed_over", "ended"]
     holder: str
-    to: str | None = Field(default=None, description="Floor that it began with, or who it was handed over to.")
+    to: str | None = Field(
+        default=None, description="The floor with which it began, or the caller to whom it was handed over."
+    )
     reason: EndReason | None = None
     text: str = ""
     advice: Advice | None = None
 
 
 class AdviceEvent(Answer):
-    """The robot of a session is told what to do before anything is let go: there is a fire."""
+    """Advice to the robot of a session in a fire, before the manager releases its outputs."""
 
     event: Literal["advice"] = "advice"
     lift: str
@@ -62,7 +64,7 @@ class AdviceEvent(Answer):
 
 
 class CommandEvent(Answer):
-    """A command to a lift has ended: what the manager pressed, for whomever."""
+    """A command to a lift has ended. Covers every press of the manager, for any holder."""
 
     event: Literal["command"] = "command"
     lift: str
@@ -74,7 +76,7 @@ class CommandEvent(Answer):
 
 
 class RequestEvent(Answer):
-    """A request within a session of /api/v1 was taken or has ended. Its id is told to the session's holder alone."""
+    """A command within a session of /api/v1 was accepted or has ended. Only the holder of the session knows its id."""
 
     event: Literal["request"] = "request"
     lift: str
@@ -88,19 +90,20 @@ class RequestEvent(Answer):
 class RideEvent(Answer):
     """A ride has changed.
 
-    One that is older than the lift's `max_age_s` when it is handed to the connection says `wait` for `enter` and `stay` for `leave`, and
-    its reason says so.
+    If it is older than the lift's `max_age_s` when it is passed to the connection, it has `wait` for `enter` and `stay` for `leave`, with
+    that as its reason.
     """
 
     event: Literal["ride"] = "ride"
     ride: Ride
     age_s: Seconds = Field(
-        default=0.0, description="Seconds since it was published, within 0.25 s, when it is handed to the connection."
+        default=0.0,
+        description="Seconds since it was published, when it is passed to the connection; correct within 0.25 s.",
     )
 
 
 class AlarmEvent(Answer):
-    """Something a person should know of."""
+    """Something that a person should know about."""
 
     event: Literal["alarm"] = "alarm"
     lift: str
@@ -112,7 +115,7 @@ PersonWord = Literal["acknowledged", "locked_out", "lockout_over", "drain_begun"
 
 
 class PersonEvent(Answer):
-    """A person's word about a lift."""
+    """An operator action on a lift."""
 
     event: Literal["person"] = "person"
     lift: str
@@ -123,21 +126,21 @@ class PersonEvent(Answer):
 
 
 class Lost(Answer):
-    """This reader was too slow: its oldest events are gone, and so many. A snapshot follows."""
+    """This reader was too slow: this many of its oldest events are lost. A snapshot follows."""
 
     event: Literal["lost"] = "lost"
     events: int
 
 
 class Frame(Answer):
-    """One frame on the wire of a link, for tools."""
+    """One frame on a link, for tools."""
 
     event: Literal["frame"] = "frame"
     link: str
-    sent: bool = Field(description="To the controller; otherwise from it.")
+    sent: bool = Field(description="Whether it was sent to the controller; otherwise it came from it.")
     hex: str
-    text: str = Field(description="In words.")
-    at_s: float = Field(description="Monotonic seconds of the manager: only differences mean anything.")
+    text: str = Field(description="The frame in words.")
+    at_s: float = Field(description="Seconds of the manager's monotonic clock: only differences are meaningful.")
 
 
 class Links(Answer):

@@ -22,7 +22,7 @@ from register_maps.words import Side
 
 
 def printable(text: str) -> str:
-    """Return text as it may be shown and written down; raises PydanticCustomError for what is not one line of it."""
+    """Return text that is safe to show and record. Raises PydanticCustomError unless it is one line of printable characters."""
     if not is_printable(text):
         raise PydanticCustomError("printable", "must be text on one line, without control characters")
     return text.replace("\u00a0", " ")  # what a word processor puts between the parts of a name
@@ -30,7 +30,7 @@ def printable(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SchemaPattern:
-    """A pattern for the schema of a text alone, where a validator looks closer than a pattern can."""
+    """A pattern for the schema only, for a text whose validator checks more than a pattern can."""
 
     pattern: str
 
@@ -59,23 +59,23 @@ ShortName = Annotated[
 ]
 """A name from a caller."""
 Token = Annotated[str, StringConstraints(min_length=1, max_length=128, pattern=r"^[\x21-\x7e]+$")]
-"""An idempotency key: printable ASCII without blanks."""
+"""An idempotency key: printable ASCII without spaces."""
 
 
 def to_ms(seconds: float) -> float:
-    """Return seconds without what a clock of floats adds to them."""
+    """Return seconds rounded to milliseconds, without floating-point noise."""
     return round(seconds, 3)
 
 
 Seconds = Annotated[float, AfterValidator(to_ms)]
-"""A time that passes, to the millisecond."""
+"""A duration, to the millisecond."""
 Door = Annotated[Side, Field(strict=False)]
-"""A door by its name: a body that was decoded from JSON holds text, which strict would not take."""
+"""A door by its name. Not strict, because a body decoded from JSON has text here."""
 
 Recorded = Annotated[
     bool,
     Field(
-        description="Only in the answer to a request that changed something, and only as `false`: the change is in force, but was not on the"
+        description="Present only as `false`, in the answer to a request that changed something: the change is in force, but was not on the"
         " disk within 0.5 s, so a crash of the manager could still lose it.",
         exclude_if=bool,
     ),
@@ -91,15 +91,15 @@ HolderName = Annotated[str, BeforeValidator(_name_of)]
 
 
 class RequestModel(BaseModel):
-    """An object that a caller sends: immutable, nothing unknown in it, nothing coerced."""
+    """An object that a caller sends: immutable, without unknown fields, without coercion."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Answer(BaseModel):
-    """An object that the manager sends, made of a value of its own by `model_validate`.
+    """An object that the manager sends, made from one of its own values by `model_validate`.
 
-    A client takes one with more in it: a newer manager may say more.
+    Clients ignore unknown fields: a newer manager may send more.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", from_attributes=True)

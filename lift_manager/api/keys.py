@@ -1,4 +1,4 @@
-"""Keys: how one is spelt, how it is recognised without being kept, and how it is kept out of everything written."""
+"""Keys: their format, how they are recognised without being stored, and how they are kept out of logs."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from typing import Protocol
 from lift_manager.api.roles import Role
 
 PREFIX = "lm"
-"""Tells secret scanners, and people, whose key it is."""
+"""Shows secret scanners and people that a key belongs to the lift manager."""
 
 _TOKEN = re.compile(rf"{PREFIX}_([0-9a-f]{{8}})_([0-9a-f]{{64}})")
 _LOOKS_LIKE = re.compile(rf"{PREFIX}_[0-9a-z]{{4,16}}_[0-9a-z]{{12,}}", re.IGNORECASE)
 _BARE = re.compile(r"(?<![0-9a-z])[0-9a-f]{60,68}(?![0-9a-z])", re.IGNORECASE)
-"""A secret that lost what stands before it, give or take a few digits."""
+"""A secret without its prefix, give or take a few digits."""
 
 
 class Secret:
-    """Text that shows itself only to who asks for it by name; neither `repr`, `str`, a format nor a traceback has it."""
+    """Text that only `reveal` returns. It does not appear in `repr`, `str`, formatted text or tracebacks."""
 
     __slots__ = ("_text",)
 
@@ -37,44 +37,44 @@ class Secret:
 
 
 def digest_of(secret: str) -> str:
-    """Return what is kept in the place of a key's secret.
+    """Return the digest that is stored instead of the secret of a key.
 
-    No slow hash: those make up for passwords that people choose. 256 random bits cannot be guessed at any speed, and a slow hash on
-    every request would let anybody keep the manager busy.
+    A slow hash is not needed: it protects passwords that people choose. 256 random bits cannot be guessed at any speed, and a slow hash on
+    every request would let anybody overload the manager.
     """
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
 def token(key_id: str, secret: str) -> Secret:
-    """Return the key as it is handed out: the id (8 hex digits) and the secret (64 of them)."""
+    """Return a key as it is issued: the id (8 hex digits) and the secret (64 hex digits)."""
     return Secret(f"{PREFIX}_{key_id}_{secret}")
 
 
 def is_token(text: str) -> bool:
-    """Whether this is spelt as a key is."""
+    """Whether a text has the format of a key."""
     return _TOKEN.fullmatch(text) is not None
 
 
 def holds_key(text: str) -> bool:
-    """Whether a text seems to hold a key, or the better part of a mistyped one."""
+    """Whether a text seems to contain a key, or most of a mistyped one."""
     return bool(_LOOKS_LIKE.search(text) or _BARE.search(text))
 
 
 def redacted(text: str) -> str:
-    """Return a text without the keys in it. A secret that lost its beginning stays: it cannot be told from the hash of a file."""
+    """Return a text without the keys in it. A secret without its prefix stays: it looks like the hash of a file."""
     return _LOOKS_LIKE.sub(f"{PREFIX}_...", text)
 
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A live key, as those who judge requests know it: without its secret."""
+    """A live key for checking requests, without its secret."""
 
     id: str
     name: str
-    """Of whoever bears it; also the name of its sessions."""
+    """The name of its bearer; also the name of its sessions."""
     role: Role
     lifts: tuple[str, ...] = ()
-    """Those that a robot commands, or RMF; empty for the other roles."""
+    """The lifts that a robot or RMF commands; empty for the other roles."""
 
 
 class Keys(Protocol):
@@ -86,15 +86,15 @@ class Keys(Protocol):
         ...
 
     def find(self, secret: Secret) -> Key | None:
-        """Return the live key that this is; None where there is none, whatever is wrong with it."""
+        """Return the live key for a token; None if it is not valid for any reason."""
         ...
 
     def find_by_name(self, name: str) -> Key | None:
-        """Return the live key of this name."""
+        """Return the live key with this name."""
         ...
 
     def admits(self, key: Key | None) -> bool:
-        """Whether a caller that was let in with this key would be let in still; None is a caller without one."""
+        """Whether a caller that was admitted with this key would still be admitted; None for a caller without a key."""
         ...
 
 
@@ -102,7 +102,7 @@ class KeyRing:
     """Keys in memory."""
 
     def __init__(self, keys: Iterable[tuple[Key, str]] = (), *, open_without_keys: bool = True) -> None:
-        """Take live keys, each with the digest of its secret; `open_without_keys` lets everybody in while there is no key."""
+        """Hold live keys, each with the digest of its secret. `open_without_keys` admits everybody while there is no key."""
         self._keys = {key.id: (key, digest) for key, digest in keys}
         self._open_without = open_without_keys
 
@@ -112,7 +112,7 @@ class KeyRing:
         return bool(self._keys) or not self._open_without
 
     def find(self, secret: Secret) -> Key | None:
-        """Return the live key that this is. Takes as long for an id that is not known as for one that is."""
+        """Return the live key for a token. Takes the same time for known and unknown ids."""
         match = _TOKEN.fullmatch(secret.reveal())
         if match is None:
             return None
@@ -120,11 +120,11 @@ class KeyRing:
         return key if hmac.compare_digest(digest_of(match[2]), digest) else None
 
     def find_by_name(self, name: str) -> Key | None:
-        """Return the live key of this name."""
+        """Return the live key with this name."""
         return next((key for key, _ in self._keys.values() if key.name == name), None)
 
     def admits(self, key: Key | None) -> bool:
-        """Whether a caller that was let in with this key, or without one, would be let in still."""
+        """Whether a caller that was admitted with this key, or without one, would still be admitted."""
         if key is None:
             return not self.are_required
         return key.id in self._keys and self._keys[key.id][0] == key

@@ -1,4 +1,4 @@
-"""What people say about a lift: acknowledge, lock out, end a lockout, take a lift from its holder."""
+"""Operator actions: acknowledge, lock out, drain, and take a lift from its holder."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pydantic import AwareDatetime, Field
 from lift_manager.api.fields import Answer, Recorded, RequestModel, ShortName, Words
 from lift_manager.lift.events import Acknowledged, Cause, ForceReleased, Restriction, RestrictionEnded
 
-Name = Annotated[ShortName, Field(description="The person who says so.", examples=["M. Weber"])]
-Reason = Annotated[Words, Field(description="Why robots stay off.", examples=["door operator is being replaced"])]
+Name = Annotated[ShortName, Field(description="The person who acts.", examples=["M. Weber"])]
+Reason = Annotated[Words, Field(description="Why robots are kept off.", examples=["door operator is being replaced"])]
 ReleaseReason = Annotated[
     Words, Field(description="Why the lift is taken from its holder.", examples=["the robot was carried away"])
 ]
@@ -18,20 +18,20 @@ ReleaseReason = Annotated[
 Now = Annotated[
     bool,
     Field(
-        description="Release a held door at once. Otherwise `robot_door` stops being `open` at once and the door is released `clear_s`"
-        " later, so that a robot in the doorway gets out of it."
+        description="Release a held door at once. By default `robot_door` stops being `open` at once and the door is released `clear_s`"
+        " later, so that a robot in the doorway can clear it."
     ),
 ]
 
 
 class AcknowledgeRequest(RequestModel):
-    """The lift was checked after a fire, or its car was looked into."""
+    """Acknowledge that the lift was checked after a fire, or that no robot is in the car."""
 
     by: Name
 
 
 class LockoutRequest(RequestModel):
-    """No robot may command the lift."""
+    """Lock the lift out: no robot may command it."""
 
     by: Name
     reason: Reason
@@ -39,26 +39,26 @@ class LockoutRequest(RequestModel):
 
 
 class EndLockoutRequest(RequestModel):
-    """Robots may command the lift again."""
+    """End the lockout: robots may command the lift again."""
 
     by: Name
 
 
 class DrainRequest(RequestModel):
-    """No new session begins; the present one goes on to its end."""
+    """Drain the lift: no new session begins, and the current one continues to its end."""
 
     by: Name
     reason: Reason
 
 
 class EndDrainRequest(RequestModel):
-    """Sessions may begin again."""
+    """End the drain: sessions may begin again."""
 
     by: Name
 
 
 class ForceReleaseRequest(RequestModel):
-    """The session ends, whoever holds the lift."""
+    """Take the lift from its holder: the session ends."""
 
     by: Name
     reason: ReleaseReason
@@ -72,14 +72,14 @@ class AcknowledgedAnswer(Answer):
     by: str
     at: AwareDatetime
     acknowledged: tuple[Cause, ...] = Field(
-        description="`fire`: after a fire the lift was checked. `occupied`: no robot is in the car."
-        " `contradiction`: the wiring and the map were checked."
+        description="`fire`: the lift was checked after a fire. `occupied`: no robot is in the car."
+        " `contradiction`: wiring and map were checked."
     )
     recorded: Recorded = True
 
     @classmethod
     def of(cls, event: Acknowledged) -> AcknowledgedAnswer:
-        """Return the answer about a lift."""
+        """Return the answer for a lift."""
         return cls(lift=event.lift, by=event.by, at=event.at, acknowledged=event.causes)
 
 
@@ -94,7 +94,7 @@ class LockoutAnswer(Answer):
 
     @classmethod
     def of(cls, lift: str, lockout: Restriction) -> LockoutAnswer:
-        """Return the answer about a lift."""
+        """Return the answer for a lift."""
         return cls(lift=lift, by=lockout.by, reason=lockout.reason, since=lockout.since)
 
 
@@ -109,7 +109,7 @@ class LockoutEndedAnswer(Answer):
 
     @classmethod
     def of(cls, ended: RestrictionEnded) -> LockoutEndedAnswer:
-        """Return the answer about a lift."""
+        """Return the answer for a lift."""
         lockout = LockoutAnswer.of(ended.lift, ended.restriction)
         return cls(lift=ended.lift, by=ended.by, at=ended.at, lockout=lockout)
 
@@ -125,7 +125,7 @@ class DrainAnswer(Answer):
 
     @classmethod
     def of(cls, lift: str, drain: Restriction) -> DrainAnswer:
-        """Return the answer about a lift."""
+        """Return the answer for a lift."""
         return cls(lift=lift, by=drain.by, reason=drain.reason, since=drain.since)
 
 
@@ -140,7 +140,7 @@ class DrainEndedAnswer(Answer):
 
     @classmethod
     def of(cls, ended: RestrictionEnded) -> DrainEndedAnswer:
-        """Return the answer about a lift."""
+        """Return the answer for a lift."""
         drain = DrainAnswer.of(ended.lift, ended.restriction)
         return cls(lift=ended.lift, by=ended.by, at=ended.at, drain=drain)
 
@@ -154,17 +154,17 @@ class ForceReleasedAnswer(Answer):
     at: AwareDatetime
     holder: str = Field(description="Who held the lift, as `<face>:<name>`.")
     maybe_aboard: bool = Field(
-        description="A robot may be in the car: all others are refused until a person has looked and acknowledges."
+        description="Whether a robot may be in the car: all others are refused until a person has checked the car and acknowledges."
     )
     clear_s: float = Field(
-        default=0.0, description="In how many seconds the door is released and the session ends; 0 where that is done."
+        default=0.0, description="In how many seconds the door is released and the session ends; 0 if that is done."
     )
-    text: str = Field(description="What became of it, in a sentence for the person who said so.")
+    text: str = Field(description="The result, in a sentence for the person who acted.")
     recorded: Recorded = True
 
     @classmethod
     def of(cls, released: ForceReleased) -> ForceReleasedAnswer:
-        """Return the answer about a lift."""
+        """Return the answer for a lift."""
         return cls(
             lift=released.lift,
             by=released.by,

@@ -1,4 +1,4 @@
-"""The answer no of /api/v1: problem+json (RFC 9457)."""
+"""Refusals of /api/v1 as problem+json (RFC 9457)."""
 
 from __future__ import annotations
 
@@ -23,43 +23,43 @@ def _known_mode(value: object, validate: ValidatorFunctionWrapHandler) -> object
 class Problem(BaseModel):
     """Why a request was not carried out."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")  # a newer manager may say more
+    model_config = ConfigDict(frozen=True, extra="ignore")  # a newer manager may send more fields
 
     type: str
-    """A name of the kind of problem, made of its code; nothing is to be found there."""
+    """A URN for the kind of problem, made of its code; it cannot be looked up."""
     title: str
     status: int
     detail: str
-    """What was wrong this time, and what to do."""
+    """What is wrong with this request, and what to do."""
     code: str
     """Stable, for programs."""
     field: str | None = None
-    """The key of the body that is wrong."""
+    """The invalid field of the body."""
     holder: str | None = None
-    """Who holds the lift."""
+    """The holder of the lift."""
     mode: Annotated[Mode | None, WrapValidator(_known_mode)] = None
-    """The mode in which the lift takes no robots."""
+    """The mode of the lift that keeps robots off."""
     since_s: float | None = None
-    """For how long the holder has held it, or the mode has lasted."""
+    """For how long the holder has held the lift, or the mode has lasted."""
     age_s: float | None = None
-    """How old the last whole reading of the lift is."""
+    """The age of the last complete reading of the lift."""
     ahead: int | None = None
-    """How many wait before."""
+    """How many callers are ahead in the queue."""
 
     @classmethod
     def of(
         cls, status: int, code: str, title: str, detail: str, field: str | None = None, blocking: Blocking | None = None
     ) -> Problem:
-        """Make one; its type follows from its code."""
+        """Return a problem; its type follows from its code."""
         kind = f"urn:lift-manager:problem:{code}"
-        said = cls(type=kind, title=title, status=status, detail=detail, code=code, field=field)
+        problem = cls(type=kind, title=title, status=status, detail=detail, code=code, field=field)
         if blocking is None:
-            return said
-        told = {
+            return problem
+        details = {
             "holder": None if blocking.holder is None else str(blocking.holder),
             "mode": blocking.mode,
             "since_s": None if blocking.since_s is None else to_ms(blocking.since_s),
             "age_s": None if blocking.age_s is None else to_ms(blocking.age_s),
             "ahead": blocking.ahead,
         }
-        return said.model_copy(update=told)
+        return problem.model_copy(update=details)

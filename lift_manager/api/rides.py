@@ -18,11 +18,11 @@ _Floor = Annotated[str, Field(max_length=200, examples=["L1"])]
 _Limit = Annotated[float, Field(ge=1.0, le=3600.0)]
 
 ANY = "any"
-"""Any lift that serves both floors. A lift of that name cannot be asked for by name."""
+"""Any lift that serves both floors. A lift with this name cannot be requested by name."""
 
 
 class Limits(RequestModel):
-    """How long each phase may take, in seconds."""
+    """The time limit of each phase, in seconds."""
 
     queued_s: _Limit = 600.0
     called_s: _Limit = 300.0
@@ -32,20 +32,20 @@ class Limits(RequestModel):
 
 
 class RideRequest(RequestModel):
-    """Bring a robot from one floor to another."""
+    """Take a robot from one floor to another."""
 
     lift: str = Field(
         max_length=200, description="A lift of the site, or `any` for one that serves both floors.", examples=["any"]
     )
-    from_: _Floor = Field(alias="from", description="Where the robot waits.")
-    to: _Floor = Field(description="Where it wants to be.", examples=["L3"])
+    from_: _Floor = Field(alias="from", description="The floor at which the robot waits.")
+    to: _Floor = Field(description="The floor to which it goes.", examples=["L3"])
     door: Door | None = Field(
-        default=None, description="By which door it boards; only lifts with this door there are taken."
+        default=None, description="The door by which it boards; only lifts with this door at that floor are chosen."
     )
     robot: RobotName
     idempotency_key: IdempotencyKey
     limits: Limits = Limits()
-    dry_run: bool = Field(default=False, description="Say what it would come to, and begin nothing.")
+    dry_run: bool = Field(default=False, description="Return the plan of the ride, and begin nothing.")
 
     @model_validator(mode="after")
     def _goes_somewhere(self) -> RideRequest:
@@ -55,13 +55,13 @@ class RideRequest(RequestModel):
 
 
 class CancelRequest(RequestModel):
-    """The ride is not wanted any more."""
+    """Cancel the ride."""
 
     reason: Words = Field(default="no reason given", examples=["the order was withdrawn"])
 
 
 class Ride(Answer):
-    """A ride, and what its robot is to do now."""
+    """A ride, and what its robot should do now."""
 
     id: str
     lift: str
@@ -72,19 +72,19 @@ class Ride(Answer):
     robot: str
     caller: str = Field(examples=["ride:amr-7"])
     phase: Phase
-    guidance: Guidance = Field(description="`enter` and `leave` stand only while the door is open for this robot.")
+    guidance: Guidance = Field(description="`enter` and `leave` appear only while the door is open for this robot.")
     reason: str
     advice: Advice | None
-    ahead: int | None = Field(description="How many wait before it; null once it is not queued any more.")
+    ahead: int | None = Field(description="How many are ahead of it in the queue; null once it is no longer queued.")
     phase_ends_in_s: Seconds | None
-    maybe_aboard: bool = Field(description="The robot may be in the car.")
+    maybe_aboard: bool = Field(description="Whether the robot may be in the car.")
     begun_at: AwareDatetime
     changed_at: AwareDatetime
     recorded: Recorded = True
 
     @classmethod
     def of(cls, ride: rides.Ride) -> Ride:
-        """Return it as it is now."""
+        """Return the current state of a ride."""
         return cls.model_validate(
             {
                 "id": ride.id,
@@ -109,14 +109,14 @@ class Ride(Answer):
 
 
 class Rides(Answer):
-    """Rides that go on, and those that ended not long ago."""
+    """Current rides, and those that ended recently."""
 
     rides: tuple[Ride, ...]
 
 
 class Plan(Answer):
-    """What a ride would come to."""
+    """The plan of a ride that was not begun."""
 
     lift: str
     ahead: int
-    reason: str = Field(description="Why it would have to wait; empty where it would begin at once.")
+    reason: str = Field(description="Why the ride would have to wait; empty if it would begin at once.")

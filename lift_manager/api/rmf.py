@@ -1,4 +1,4 @@
-"""Open-RMF: the site as an adapter is told of it, and what RMF's sessions want."""
+"""Open-RMF: the site as an adapter sees it, and the requests of RMF's sessions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from register_maps.words import Mode, Motion
 
 
 def _printable(text: str) -> str:
-    # an id is compared and never changed: what cannot be shown as it is, is refused
+    # ids are compared and never changed, so an id that cannot be shown as it is must be refused
     if not text.isprintable():
         raise PydanticCustomError("printable", "must be text on one line, without control characters")
     return text
@@ -35,15 +35,15 @@ AdapterId = Annotated[
     str,
     StringConstraints(max_length=ADAPTER_ID_LIMIT, pattern=ADAPTER_ID),
     Field(
-        description="The id of the adapter, the same after each of its starts. Sessions of two adapters are two, whatever their ids;"
-        " the lift is then held by `rmf:<session_id>@<adapter>`.",
+        description="The id of the adapter, the same after each of its restarts. Sessions of different adapters differ even with the same"
+        " id; the lift is then held by `rmf:<session_id>@<adapter>`.",
         examples=["", "5/building1"],
     ),
 ]
 
 
 class RmfHolder(Answer):
-    """Who holds a lift."""
+    """The holder of a lift."""
 
     face: str = Field(description="`rmf` for a session of RMF.", examples=["rmf"])
     name: str = Field(description="With the face `rmf`: RMF's session id.", examples=["fleet/amr-7"])
@@ -58,69 +58,73 @@ class RmfLiftAnswer(Answer):
     lift: str = Field(description="Its name in the site file.")
     name: str = Field(description="Its name in RMF's building map.")
     floors: Mapping[str, str] = Field(description="The site's floor name to RMF's, lowest first.")
-    live: bool = Field(description="False while its state may not be acted on.")
+    live: bool = Field(description="False while nobody may act on its state.")
     reason: str = Field(description="Why it is not live.")
     age_s: Age
     max_age_s: float
-    floor: str | None = Field(description="In the site's words; null when nobody reports it.")
-    standing: bool = Field(description="By the map's evidence the car stands at `floor`.")
+    floor: str | None = Field(description="The floor by its name in the site file; null if unknown.")
+    standing: bool = Field(description="Whether the car stands at `floor`, by the evidence of the map.")
     destination: str | None
-    door: RobotDoor = Field(description="`open` is the invitation to drive, to whoever holds the lift.")
+    door: RobotDoor = Field(description="`open` invites the holder's robot to drive.")
     motion: Motion
     mode: Mode
-    robot_mode_on: bool | None = Field(description="null where the lift has no such signal.")
+    robot_mode_on: bool | None = Field(description="null if the lift has no such signal.")
     holder: RmfHolder | None = Field(description="null while it is free.")
-    ending: bool = Field(description="The holder has ended its session; door and robot mode stay for a moment.")
-    fire_latched: bool = Field(description="There was a fire, and no person has acknowledged it.")
-    waiting_for: str = Field(description="What the session waits for before anything is pressed.")
-    keeps_off: str = Field(description="Why robots are kept off, in words; empty where they are not.")
+    ending: bool = Field(description="The holder has ended its session; door hold and robot mode stay on for a moment.")
+    fire_latched: bool = Field(description="Whether there was a fire that nobody has acknowledged.")
+    waiting_for: str = Field(description="What the session is waiting for before anything is pressed.")
+    keeps_off: str = Field(description="Why robots are kept off; empty if they are not.")
 
 
 class RmfAlarms(Answer):
-    """What of a fire is told to RMF."""
+    """How the site reports a fire to RMF."""
 
-    fire_alarm: bool = Field(description="On `fire_alarm_trigger`.")
-    emergency_signal: bool = Field(description="And on `emergency_signal`.")
-    emergency_fleets: tuple[str, ...] = Field(description="Whom that names.")
-    clear_on_acknowledge: bool = Field(description="Once that it is over, when a person has acknowledged.")
+    fire_alarm: bool = Field(description="Whether to publish it on `fire_alarm_trigger`.")
+    emergency_signal: bool = Field(description="Whether to publish it on `emergency_signal`.")
+    emergency_fleets: tuple[str, ...] = Field(description="The fleets that `emergency_signal` names.")
+    clear_on_acknowledge: bool = Field(
+        description="Whether to publish the end of the fire once a person has acknowledged it."
+    )
 
 
 class RmfSiteAnswer(Answer):
-    """Every lift, and what the site says about RMF."""
+    """Every lift, and the settings of the site for RMF."""
 
-    boot: str = Field(description="Another one after each start of the manager.")
-    event: int = Field(description="All events up to this number are in it; numbers compare within one boot.")
+    boot: str = Field(description="An id that changes with each start of the manager.")
+    event: int = Field(description="All events up to this number are included; numbers are comparable within one boot.")
     lifts: tuple[RmfLiftAnswer, ...]
-    end_grace_s: float = Field(description="How long door hold and robot mode stay after END_SESSION.")
+    end_grace_s: float = Field(description="How long door hold and robot mode stay on after END_SESSION.")
     alarms: RmfAlarms
 
 
 class RmfWantedRequest(RequestModel):
-    """A session of RMF wants the lift at a floor: the first one opens it, each further one changes or repeats what is wanted."""
+    """A session of RMF requests the lift at a floor. The first request opens the session; each further one changes or repeats the request."""
 
     session_id: SessionId
-    floor: ShortName = Field(description="In the site's words.", examples=["L2"])
-    hold_door: bool = Field(description="Hold the door open there until another floor is wanted or the session ends.")
+    floor: ShortName = Field(description="The floor by its name in the site file.", examples=["L2"])
+    hold_door: bool = Field(
+        description="Hold the door open there until another floor is requested or the session ends."
+    )
     adapter: AdapterId = ""
 
 
 class RmfEndedRequest(RequestModel):
-    """A session of RMF is over."""
+    """A session of RMF has ended."""
 
     session_id: SessionId
     grace_s: float = Field(
         ge=0.0,
         le=LONGEST_GRACE_S,
-        description="So long door hold and robot mode stay as they are, unless the same session wants the lift again.",
+        description="How long door hold and robot mode stay on, unless the same session requests the lift again.",
         examples=[3.0],
     )
     adapter: AdapterId = ""
 
 
 class RmfAccepted(Answer):
-    """It is decided so; what was decided shows from this event on."""
+    """The request is accepted. Its effect shows from this event on."""
 
     boot: str
     event: int = Field(
-        description="An answer of `GET /api/v1/rmf` of this boot with a lower number does not show it yet."
+        description="An answer to `GET /api/v1/rmf` with this boot and a lower number does not show the effect yet."
     )

@@ -1,4 +1,4 @@
-"""Who may ask for what: the roles of keys, what each route needs, and whether a key has it. Pure."""
+"""Access control: the roles of keys, the access level of each route, and whether a key has it. Pure."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from enum import StrEnum, unique
 
 @unique
 class Role(StrEnum):
-    """What the bearer of a key is here for. Viewer, operator and commissioner each may all that the one before may."""
+    """The purpose of a key. Operators may do all that viewers may, and commissioners all that operators may."""
 
     VIEWER = "viewer"
     """Reads."""
     ROBOT = "robot"
-    """Reads everything, commands the lifts that its key names, in sessions of its own."""
+    """Reads everything, and commands the lifts that its key names, in sessions of its own."""
     RMF = "rmf"
-    """Reads everything, and passes on what RMF's sessions want of the lifts that its key names. Commands nothing else."""
+    """Reads everything, and passes on the requests of RMF's sessions for the lifts that its key names. Commands nothing else."""
     OPERATOR = "operator"
-    """Commands every lift, and gives a person's word: acknowledge, lock out, end a session that is not its own."""
+    """Commands every lift, and takes operator actions: acknowledge, lock out, end a session that is not its own."""
     COMMISSIONER = "commissioner"
     """Puts lifts into service."""
 
 
 @unique
 class AccessLevel(StrEnum):
-    """What a route asks of its caller."""
+    """The access that a route requires."""
 
     NOTHING = "nothing"
-    """Open to everybody, with or without keys: it tells nothing about this site's lifts but their names."""
+    """Open to everybody, with or without a key: it reveals nothing about the lifts of the site but their names."""
     READ = "read"
     COMMAND = "command"
     RMF = "rmf"
-    """To speak for RMF, which no robot and no person is."""
+    """For an RMF adapter only, not for robots or people."""
     OPERATE = "operate"
     COMMISSION = "commission"
 
 
 OF_SOME_LIFTS = frozenset({Role.ROBOT, Role.RMF})
-"""Roles whose keys name the lifts that they are for."""
+"""Roles whose keys are limited to the lifts that they name."""
 
 ROLES = {
     AccessLevel.READ: frozenset(Role),
@@ -51,21 +51,21 @@ ROLES = {
 
 @unique
 class LiftIn(StrEnum):
-    """Where a request says which lift it is about."""
+    """Where a request names its lift."""
 
     PATH = "path"
     QUERY = "query"
     BODY = "body"
-    """Or in what the request is about, such as a ride: the gate lets every key pass that commands a lift, and the route asks `refusal`."""
+    """In the body, or in the object that the request is about, such as a ride. Keys that command any lift pass; the route calls `refusal`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """One thing that can be asked over HTTP."""
+    """One kind of request over HTTP."""
 
     methods: tuple[str, ...]
     path: str
-    """As a pattern of the web framework."""
+    """The path as a pattern of the web framework."""
     need: AccessLevel
     lift_in: LiftIn | None = None
 
@@ -124,14 +124,14 @@ ROUTES: tuple[Route, ...] = (
     Route(_GET, _SESSION, AccessLevel.COMMAND, LiftIn.PATH),
     Route(_GET, _LIFT, AccessLevel.READ, LiftIn.PATH),
 )
-"""All that can be asked. What is not in here is answered as if it did not exist, whatever the application has."""
+"""All requests that are served. Any other gets the answer of a missing page, even if the application has a route for it."""
 
 
 def refusal(role: Role, own: Sequence[str], need: AccessLevel, requested: Sequence[str]) -> str:
-    """Return why a key may not do this, in words; empty where it may.
+    """Return why a key may not send this request, as a sentence; empty if it may.
 
-    `own` are the lifts that the key names, `requested` those that the request names: a robot, and RMF, command nothing else, and
-    nothing that names no lift.
+    `own` are the lifts that the key names, `requested` those that the request names. The keys of robots and RMF command only their own
+    lifts, and cannot send commands that name no lift.
     """
     if need is AccessLevel.NOTHING:
         return ""

@@ -1,4 +1,4 @@
-"""Sessions: who commands a lift, what is asked within them, and what became of it."""
+"""Sessions: who commands a lift, the requests within a session, and their outcomes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ Ttl = Annotated[
         default=None,
         ge=1.0,
         le=86400.0,
-        description="The lease in seconds; the site's `lease_s` is the longest, and what is given where this is left out. A shorter one than"
-        " three times the lift's `clear_s` is raised to that; `lease_ends_in_s` says what was given.",
+        description="The lease in seconds. The site's `lease_s` is the maximum and the default. A lease shorter than three times the lift's"
+        " `clear_s` is raised to that; `lease_ends_in_s` has the actual lease.",
         examples=[60.0],
     ),
 ]
@@ -28,7 +28,7 @@ RobotName = Annotated[
     ShortName | None,
     Field(
         default=None,
-        description="Tells the robots of one key apart, and callers without a key; shown to people.",
+        description="Distinguishes the robots of one key, and callers without a key; shown to people.",
         examples=["amr-7"],
     ),
 ]
@@ -36,8 +36,8 @@ IdempotencyKey = Annotated[
     Token | None,
     Field(
         default=None,
-        description="Made up by the caller, one for each wish: the same one again gives the same answer and begins nothing;"
-        " with another wish it is refused (`key_reused`). A caller without a key of the site has to name its `robot` with it.",
+        description="Chosen by the caller, one for each request. The same key with the same request gives the same answer and begins nothing;"
+        " with another request it is refused (`key_reused`). A caller without a key of the site must give its `robot` with it.",
         examples=["3f1c9a"],
     ),
 ]
@@ -54,7 +54,7 @@ _Clear = Annotated[Literal[True] | None, BeforeValidator(_require_true)]
 
 
 class OpenSessionRequest(RequestModel):
-    """The lift for one caller alone. Nothing is called by it."""
+    """Open a session: the lift is reserved for one caller. This calls no car."""
 
     robot: RobotName
     ttl_s: Ttl
@@ -62,55 +62,53 @@ class OpenSessionRequest(RequestModel):
 
 
 class RenewRequest(RequestModel):
-    """The lease begins anew."""
+    """Renew the lease."""
 
     ttl_s: float | None = Field(
         default=None,
         ge=1.0,
         le=86400.0,
-        description="Another length of the lease in seconds, at most the site's `lease_s` and at least three times `clear_s`; left out, it"
-        " stays as long as it was.",
+        description="A new length of the lease in seconds, at most the site's `lease_s` and at least three times `clear_s`. By default the"
+        " lease keeps its length.",
         examples=[60.0],
     )
 
 
 class CloseRequest(RequestModel):
-    """The session is over."""
+    """End the session."""
 
     robot: RobotWord | None = Field(
         default=None,
         strict=False,
-        description="`left`: the robot is outside and clear of the door, which a lift that asks for it is told.",
+        description="`left`: the robot is outside and clear of the door. A lift with a handshake receives this report.",
     )
 
 
 class HandOverRequest(RequestModel):
-    """Another caller goes on with it."""
+    """Hand the session over to another caller."""
 
-    to: ShortName = Field(
-        description="The name of a key, or of a robot where the site has no keys.", examples=["amr-8"]
-    )
+    to: ShortName = Field(description="The name of a key, or of a robot if the site has no keys.", examples=["amr-8"])
     robot: RobotName
 
 
-class _With(NamedTuple):
-    """What a key of a command goes with."""
+class _BelongsTo(NamedTuple):
+    """The type of command to which a field belongs."""
 
     do: CommandType
     needed: bool
 
 
-_WITH = {
-    "floor": _With(CommandType.GO_TO, needed=True),
-    "clear": _With(CommandType.CLOSE_DOOR, needed=True),
-    "door": _With(CommandType.CLOSE_DOOR, needed=False),
+_FIELDS = {
+    "floor": _BelongsTo(CommandType.GO_TO, needed=True),
+    "clear": _BelongsTo(CommandType.CLOSE_DOOR, needed=True),
+    "door": _BelongsTo(CommandType.CLOSE_DOOR, needed=False),
 }
 
 
 def _conditions() -> JsonDict:
-    """Return the same for the schema of a command."""
+    """Return the conditions of `_FIELDS` for the JSON schema of a command."""
     rules: list[JsonValue] = []
-    for name, (do, needed) in _WITH.items():
+    for name, (do, needed) in _FIELDS.items():
         given: JsonDict = {"required": [name], "properties": {name: {"not": {"type": "null"}}}}
         rule: JsonDict = {
             "if": {"properties": {"do": {"const": do.value}}},
@@ -121,22 +119,22 @@ def _conditions() -> JsonDict:
 
 
 class CommandRequest(RequestModel):
-    """One thing to do within a session."""
+    """A command within a session."""
 
     model_config = ConfigDict(json_schema_extra=_conditions())
 
     do: CommandType = Field(strict=False)
     floor: str | None = Field(default=None, max_length=200, description="With `go_to`.", examples=["L2"])
-    hold_door: bool = Field(default=True, description="With `go_to`: hold the door once the car is there.")
+    hold_door: bool = Field(default=True, description="With `go_to`: hold the door open once the car has arrived.")
     door: Door | None = Field(
-        default=None, description="With `close_door`: one door; all of the floor where it is left out."
+        default=None, description="With `close_door`: one door; by default all doors of the floor."
     )
-    clear: _Clear = Field(default=None, description="With `close_door`, which needs it: nothing stands in the doorway.")
+    clear: _Clear = Field(default=None, description="Required with `close_door`: confirms that the doorway is clear.")
     idempotency_key: IdempotencyKey
 
     @model_validator(mode="after")
     def _fits(self) -> CommandRequest:
-        for name, (do, needed) in _WITH.items():
+        for name, (do, needed) in _FIELDS.items():
             given = getattr(self, name) is not None
             if self.do is do and needed and not given:
                 raise _misfit(name, f"is missing: {self.do} needs it")
@@ -150,53 +148,55 @@ def _misfit(field: str, text: str) -> PydanticCustomError:
 
 
 class Over(Answer):
-    """Why a session is over."""
+    """Why a session has ended."""
 
     reason: EndReason
     text: str
-    advice: Advice | None = Field(description="What its robot does best; null where its holder ended it.")
+    advice: Advice | None = Field(description="What the robot should do; null if the holder ended the session.")
     at: AwareDatetime
 
 
 class Session(Answer):
-    """A session as its holder sees it."""
+    """A session, for its holder."""
 
-    id: str = Field(description="Whoever knows it, and has the holder's key, commands the lift.")
+    id: str = Field(description="Commands the lift together with the holder's key; keep it secret.")
     lift: str
     holder: HolderName = Field(examples=["api:amr-7"])
     floor: str | None
     hold_door: bool
     opened_at: AwareDatetime
     lease_ends_in_s: Seconds | None
-    ends_in_s: Seconds | None = Field(description="However often it is renewed.")
+    ends_in_s: Seconds | None = Field(description="Time until the session ends, however often it is renewed.")
     hold_ends_in_s: Seconds | None = Field(
-        description="The door is let go then whatever the holder wants; null while it is not held."
+        description="Time until the door hold ends, whatever the holder requests; null while the door is not held."
     )
     releases_in_s: Seconds | None = Field(
         default=None,
-        description="Until the manager releases the door by itself at the earliest, whichever limit that is; `releases_in_s` of a lift has"
-        " more. null for one that is over.",
+        description="Time until the manager releases the door by itself at the earliest, by any limit; see `releases_in_s` of a lift. null"
+        " for a session that has ended.",
     )
     arrived: bool
     door_held: bool
     robot: Occupancy
     waiting_for: str
-    restored: bool = Field(description="From before a restart: nothing is pressed before its holder is heard.")
-    over: Over | None = Field(description="null while it goes on.")
+    restored: bool = Field(
+        description="Whether it was restored after a restart: nothing is pressed until its holder sends a request."
+    )
+    over: Over | None = Field(description="null while the session is open.")
     recorded: Recorded = True
 
 
 class Command(Answer):
-    """A request within a session, and what has become of it."""
+    """A command within a session, and its status."""
 
     id: str
     lift: str
     do: CommandType
     floor: str | None
     status: CommandState
-    reason: str = Field(description="Why it is not confirmed; while pending, what it waits for.")
+    reason: str = Field(description="Why it is not confirmed; while pending, what it is waiting for.")
     proof: str = Field(
-        description="What confirmed it: `readback`, `lamp` or `effect`; `none` where the lift need not be told.",
+        description="What confirmed it: `readback`, `lamp` or `effect`; `none` if the lift needed no command.",
         examples=["lamp"],
     )
     asked_at: AwareDatetime
@@ -205,7 +205,7 @@ class Command(Answer):
 
     @classmethod
     def of(cls, status: CommandStatus) -> Command:
-        """Return it as it is now."""
+        """Return the current state of a command."""
         return cls(
             id=status.id,
             lift=status.lift,
