@@ -1,4 +1,4 @@
-"""The I/O list as CSV (RFC 4180): every lift in one table, for whoever imports it elsewhere."""
+"""Writes the I/O list as CSV (RFC 4180): every lift in one table, for import into other programs."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import io
 from lift_manager.commissioning.iolist.model import COLUMNS, IoList
 
 HEAD = ("Lift", "Controller", "Map", "Fingerprint of the map (sha256)")
-"""Columns before those of the list."""
+"""Columns that precede those of the list."""
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def render(found: IoList) -> bytes:
-    """Write the list. UTF-8 with a byte order mark, which a spreadsheet needs to read letters beyond ASCII."""
+    """Return the list as UTF-8 with a byte order mark, which spreadsheets need for characters beyond ASCII."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow((*HEAD, *COLUMNS))
@@ -25,5 +25,5 @@ def render(found: IoList) -> bytes:
 
 
 def safe(cell: str) -> str:
-    """Keep a spreadsheet from taking a text for a formula: an apostrophe in front says that it is text."""
+    """Return text that a spreadsheet does not take for a formula: an apostrophe in front marks it as text."""
     return f"'{cell}" if cell.startswith(_FORMULA) else cell

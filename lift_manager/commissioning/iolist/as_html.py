@@ -1,4 +1,4 @@
-"""The I/O list as one HTML page without anything from elsewhere, made to be printed on A4 landscape."""
+"""Writes the I/O list as one self-contained HTML page for printing on A4 landscape."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ table.signatures td { min-width: 90mm; height: 8mm; }
 """
 
 _SHARES = (2.8, 10, 10, 5.6, 6.5, 4.8, 5, 3, 5.5, 9, 8, 9, 6, 12.5, 4.5, 4, 4.2)
-"""Width of each column, in per cent, roughly."""
+"""The approximate width of each column in per cent."""
 
 
 def render(found: IoList) -> bytes:
-    """Write the page, UTF-8."""
+    """Return the page as UTF-8."""
     title = escape(found.title)
     body = "\n".join(_body(found))
     page = (
@@ -81,7 +81,7 @@ def _lift(lift: LiftList) -> Iterator[str]:
 
 
 def _cells(row: Sequence[str]) -> str:
-    told, signed = row[:-SIGN_OFF], row[-SIGN_OFF:]
-    return "".join(f"<td>{escape(cell)}</td>" for cell in told) + "".join(
+    filled, signed = row[:-SIGN_OFF], row[-SIGN_OFF:]
+    return "".join(f"<td>{escape(cell)}</td>" for cell in filled) + "".join(
         f'<td class="sign">{cell}</td>' for cell in signed
     )

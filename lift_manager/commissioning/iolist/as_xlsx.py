@@ -1,4 +1,4 @@
-"""The I/O list as a workbook: a cover, and one sheet for each lift, set up for A4 landscape."""
+"""Writes the I/O list as a workbook: a cover, and one sheet for each lift, set up for A4 landscape."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from lift_manager.commissioning.iolist.model import COLUMNS, SIGN_OFF, SIGNATURE
 
 COVER = "Cover"
 MAX_NAME_LENGTH = 31
-"""Of a sheet, in Excel."""
+"""The longest name of a sheet in Excel."""
 
 _WIDTHS = (3.5, 15, 18, 8.5, 11, 7.5, 8, 4.5, 8, 15, 14, 15, 8.5, 22, 7, 6.5, 6.5)
-"""Of the columns, in characters of Excel. Chosen: A4 landscape then takes them at four fifths of their size, which is 6.5 point."""
+"""The widths of the columns in Excel characters. Chosen: they then fit on A4 landscape at four fifths of their size, which is 6.5 point."""
 _FORBIDDEN_IN_NAME = re.compile(r"[\[\]:*?/\\]")
 
 _LINE = Side(style="thin", color="FF888888")
@@ -38,7 +38,7 @@ _WRAPPED = Alignment(wrap_text=True, vertical="top")
 
 
 def render(found: IoList) -> bytes:
-    """Write the workbook."""
+    """Return the workbook as a file."""
     book = Workbook()
     book.properties.creator = "lift-manager"
     book.properties.title = found.title
@@ -54,9 +54,9 @@ def render(found: IoList) -> bytes:
 
 
 def sheet_names(lifts: Sequence[str]) -> list[str]:
-    """Name a sheet after each lift, as far as Excel lets a sheet be named so; no two alike, whatever their case."""
+    """Return a sheet name for each lift: its own name as far as Excel allows it, and unique regardless of case."""
     names: list[str] = []
-    taken = {COVER.lower(), "history"}  # Excel keeps the second one for itself
+    taken = {COVER.lower(), "history"}  # Excel reserves the second one
     for lift in lifts:
         plain = _FORBIDDEN_IN_NAME.sub(" ", lift).strip(" '") or "Lift"
         name, number = plain[:MAX_NAME_LENGTH].rstrip(" '"), 2
@@ -102,7 +102,7 @@ def _lift(sheet: Worksheet, found: IoList, lift: LiftList) -> None:
 
 
 def _facts(sheet: Worksheet, row: int, facts: Iterable[tuple[str, str]]) -> int:
-    """Write lines of label and text; returns the row after them."""
+    """Write rows of label and text. Returns the row after them."""
     for label, text in facts:
         _cell(sheet, row, 1, label, _BOLD).fill = _HEAD
         _cell(sheet, row, 2, text, _SMALL)
@@ -122,7 +122,7 @@ def _cell(sheet: Worksheet, row: int, column: int, text: str, font: Font) -> Cel
 
 
 def _text(sheet: Worksheet, row: int, column: int, text: str) -> Cell:
-    """Write a text that stays one: what begins like a formula is marked as text, also for whoever edits the cell later."""
+    """Write a cell as text. A text that begins like a formula is marked, so that it stays text when somebody edits the cell."""
     cell = cast("Cell", sheet.cell(row, column))  # none of these sheets has merged cells
     if text:
         cell.value = text

@@ -1,4 +1,4 @@
-"""From a checked site to its I/O list."""
+"""Builds the I/O list of a checked site."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from register_maps.load import LoadedMap, MapChanges
 
 
 def io_list(loaded: LoadedSite) -> IoList:
-    """Make the list of every lift of a site, with what is in doubt on its cover."""
+    """Return the list of every lift of a site; open questions are on the cover."""
     site = loaded.site
     lifts = tuple(_lift(loaded, name, lift) for name, lift in site.lifts.items())
     facts = (

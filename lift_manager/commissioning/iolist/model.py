@@ -1,4 +1,4 @@
-"""The I/O list as plain text in cells, whatever file it becomes."""
+"""The I/O list as plain text in cells, independent of the file format."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ COLUMNS = (
     "Date",
     "Result",
 )
-"""Headings of one lift's list. The last three are signed on paper."""
+"""The headings of a lift's list. The last three columns are filled in on paper."""
 
 SIGN_OFF = 3
-"""How many columns are left empty."""
+"""How many columns are empty, to be filled in on paper."""
 
 FROM_LIFT, TO_LIFT = "lift → manager", "manager → lift"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IoPoint:
-    """One line: one contact, coil, register, or field in a register."""
+    """One line of the list: a contact, coil, register, or field of a register."""
 
     signal: str
     meaning: str
@@ -57,11 +57,11 @@ class IoPoint:
 
 @dataclass(frozen=True, slots=True)
 class LiftList:
-    """One lift."""
+    """The list of one lift."""
 
     name: str
     facts: tuple[tuple[str, str], ...]
-    """Label and text: where it is, which map it has, what its floors are called."""
+    """Labels and texts: its address, map, floors and so on."""
     points: tuple[IoPoint, ...]
     controller: str
     map: str
@@ -69,7 +69,7 @@ class LiftList:
 
     @property
     def rows(self) -> tuple[tuple[str, ...], ...]:
-        """Cells under COLUMNS."""
+        """The cells of each line, in the order of `COLUMNS`."""
         empty = ("",) * SIGN_OFF
         return tuple(
             (
@@ -83,7 +83,7 @@ class LiftList:
 
 @dataclass(frozen=True, slots=True)
 class IoList:
-    """One site."""
+    """The list of one site."""
 
     site: str
     facts: tuple[tuple[str, str], ...]
@@ -92,9 +92,9 @@ class IoList:
 
     @property
     def title(self) -> str:
-        """What stands at the head of every page."""
+        """The heading of every page."""
         return f"I/O list: {self.site}"
 
 
 SIGNATURES = ("Issued by", "Date of issue", "Revision", "Checked by (lift company)", "Signature")
-"""Lines of the cover that are filled in on paper."""
+"""Lines on the cover that are filled in on paper."""

@@ -1,4 +1,4 @@
-"""From a compiled map to the lines of an I/O list: one line for each contact, coil, register, or field in a register."""
+"""Makes the lines of an I/O list from a compiled map: one for each contact, coil, register, or field of a register."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _NO_FLOOR = "no floor of this site; stays off"
 
 
 def io_points(codec: Codec, floors: Mapping[str, int], devices: Mapping[str, Device]) -> Iterator[IoPoint]:
-    """Yield the lines of one lift: what it says, then what it is told.
+    """Yield the lines of one lift: signals first, then commands.
 
-    `floors` are the site's floor codes by name; `devices` say where the controller (empty name) and every endpoint are.
+    `floors` are the floor codes of the site by name; `devices` are the controller (empty name) and every endpoint.
     """
     sheet = _PointBuilder(codec, {code: one_line(name) for name, code in floors.items()}, devices)
     for signal in codec.signals.values():
@@ -87,7 +87,7 @@ class _PointBuilder:
             )
 
     def _parts(self, spec: Signal) -> list[str]:
-        """Name each contact of a signal that has several; one empty text where it has one place."""
+        """Return a name for each contact of a signal with several contacts; one empty text for a signal with one address."""
         if spec.open_limit is not None:
             return ["fully open", "fully closed"]
         if spec.up is not None:
@@ -125,14 +125,14 @@ class _PointBuilder:
         return f"write {write}, read {read}" if read else f"write {write}"
 
     def _place(self, point: Point) -> str:
-        """Name the second device that a point is on; empty for the controller itself."""
+        """Return the second device that a point is on; empty for the controller itself."""
         if not point.endpoint:
             return ""
         return f"on the second device {point.endpoint} ({one_line(self._devices[point.endpoint].controller)})"
 
 
 def signal_contact(point: Point, spec: Signal, kind: Kind, part: str = "") -> str:
-    """Say whether a contact is normally open or closed; a number is no contact."""
+    """Return whether a contact is normally open or closed; a number is not a contact."""
     if point.width > 1:
         return NO_CONTACT
     closed = part
@@ -147,7 +147,7 @@ def signal_contact(point: Point, spec: Signal, kind: Kind, part: str = "") -> st
 
 
 def command_contact(point: Point, spec: Command) -> str:
-    """Say whether an output is normally open or closed."""
+    """Return whether an output is normally open or closed."""
     if spec.is_heartbeat:
         return NO_CONTACT if point.width > 1 else "changes all the time"
     if point.width > 1:

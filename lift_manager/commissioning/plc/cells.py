@@ -1,4 +1,4 @@
-"""How the program writes down addresses, values and times: one array per Modbus table, indexed as on the wire."""
+"""Formats addresses, values and times as Structured Text: one array per Modbus table, indexed as on the wire."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ class Area:
 
     table: Table
     first: int
-    """Lowest and highest address on the wire."""
+    """The lowest address on the wire."""
     last: int
+    """The highest address on the wire."""
     commanded: bool
     """Whether the manager writes into it."""
 
@@ -36,7 +37,7 @@ class Area:
 
     @property
     def type_name(self) -> str:
-        """Name of its type: a caller has to declare the same one, and two arrays without a name are never of one type."""
+        """The name of its type. The caller must declare the same type; two arrays without a type name never have the same type."""
         return f"{BLOCK}{self.name}"
 
     @property
@@ -52,7 +53,7 @@ class Area:
 
 
 def areas(codec: Codec) -> tuple[Area, ...]:
-    """Return every table that the map serves."""
+    """Return every table of the map."""
     commanded = {point.table for command in codec.commands.values() for point in command.points}
     return tuple(
         Area(Table(table), min(span.start for span in spans), max(span.stop for span in spans) - 1, table in commanded)
@@ -62,37 +63,37 @@ def areas(codec: Codec) -> tuple[Area, ...]:
 
 
 def cell(point: Point) -> str:
-    """Write down the element of the array in which a point lies."""
+    """Return the array element that contains a point."""
     return f"{_ARRAYS[point.table]}[{point.address}]"
 
 
 def literal(point: Point, raw: int) -> str:
-    """Write down a value of the cell in which a point lies."""
+    """Return a literal for a value of the cell that contains a point."""
     if point.table in BIT_TABLES:
         return "TRUE" if raw else "FALSE"
     return f"16#{raw & 0xFFFF:04X}"
 
 
 def is_value(point: Point, raw: int) -> str:
-    """Write down the condition that a cell holds this value."""
+    """Return the condition that a cell has this value."""
     if point.table in BIT_TABLES:
         return cell(point) if raw else f"NOT {cell(point)}"
     return f"({cell(point)} = {literal(point, raw)})"
 
 
 def assign(values: Mapping[Point, int]) -> Iterator[str]:
-    """Write down the statements that put these values into their cells."""
+    """Yield the statements that assign these values to their cells."""
     for point, raw in values.items():
         yield f"{cell(point)} := {literal(point, raw)};"
 
 
 def seconds(time_s: float) -> str:
-    """Write down a time, such as T#500ms."""
+    """Return a time literal, such as T#500ms."""
     milliseconds = round(time_s * 1000)
     return f"T#{milliseconds // 1000}s" if milliseconds % 1000 == 0 else f"T#{milliseconds}ms"
 
 
 def comment(text: str) -> str:
-    """Write text so that any PLC editor takes it as one comment: plain ASCII, and no end of a comment inside."""
+    """Return text as one comment for any PLC editor: plain ASCII, without comment delimiters inside."""
     plain = text.encode("ascii", "replace").decode().replace("(*", "( *").replace("*)", "* )")
     return "(* " + " ".join(plain.split()) + " *)"

@@ -1,7 +1,7 @@
-"""The half of the program that obeys: from the cells that the manager writes to the lift's buttons.
+"""Writes the half of the program that carries out commands: from the cells that the manager writes to the buttons of the lift.
 
-A rewritten 1 looks the same as an old one, so a program sees a refresh only if it takes the value out of its cell
-first, as one takes letters out of a box. The request for robot mode is taken at once and is the manager's sign of life.
+A rewritten 1 looks the same as an old one, so the program detects a refresh only if it clears the cell after reading it. It clears the
+request for robot mode at once and takes each one as the manager's sign of life.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from register_maps.codec import Codec, CommandCodec
 
 
 def command_part(codec: Codec, floor_codes: Sequence[int]) -> Iterator[tuple[str, Part]]:
-    """Write down how every command of the map is carried out, each part with a heading."""
+    """Yield the parts that carry out the commands of the map, each with a heading."""
     yield "May robots use the lift at all? A broken wire says no.", _guards()
     yield "The request for robot mode is the manager's sign of life; each one counts for a while.", _robot_mode(codec)
     hold = codec.commands.get("hold_door.front")
@@ -53,7 +53,7 @@ def _robot_mode(codec: Codec) -> Part:
 
 
 def _hold(codec: Codec) -> Part:
-    """Take the hold out of its cell before the limit: a manager that still wants it writes it again in time."""
+    """Return the part that clears the hold before its limit: a manager that still needs it writes it again in time."""
     command = codec.commands["hold_door.front"]
     rest_s = watchdog_s(codec)
     return Part(
@@ -117,12 +117,12 @@ def _clear(codec: Codec) -> Part:
 
 
 def _allowed(command: CommandCodec) -> str:
-    """Write down when a command counts; what a map requires beyond robot mode is part of `MayRun` already."""
+    """Return the condition for obeying a command. What a map requires besides robot mode is already part of `MayRun`."""
     return "RobotModeOn" if "robot_mode_on" in command.spec.requires else "RobotMode"
 
 
 def _is_pressed(command: CommandCodec, code: int | None = 1) -> str:
-    """Write down the condition that its cell holds the press; the code matters to `go_to` only."""
+    """Return the condition that the cell of a command has its pressed value; the code matters only for `go_to`."""
     pressed, rest = command.encode(code), command.encode(None)
     return " AND ".join(cells.is_value(point, raw) for point, raw in pressed.items() if raw != rest[point])
 

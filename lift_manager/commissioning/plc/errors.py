@@ -1,7 +1,7 @@
-"""Why no PLC program can be written for a map; the sentence says what to change."""
+"""The error of the PLC generator."""
 
 from __future__ import annotations
 
 
 class ProgramError(Exception):
-    """This map, or these floors, are not something the program can be written for."""
+    """No program can be written for this map or these floors; the message says what to change."""

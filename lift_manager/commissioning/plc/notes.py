@@ -1,4 +1,4 @@
-"""What the program says about itself: its purpose, and where its variables are connected on common PLCs."""
+"""Writes the header comment of the program: its purpose, and how to connect its arrays on common PLCs."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ _BITS = {
         "real inputs, past this program. (OpenPLC, Modbus addressing; S7-1200 System Manual, Modbus communication.)"
     ),
 }
-"""Where the arrays are connected, with the source of each statement."""
+"""How to connect the arrays on each PLC family, with the source of each statement."""
 
 
 def header(codec: Codec, floors: Mapping[str, int]) -> Iterator[str]:
-    """Write the comment at the head of the program, line by line, in plain ASCII."""
+    """Yield the header comment of the program line by line, in plain ASCII."""
     listed = ", ".join(f"{n} = {name} (code {code})" for n, (name, code) in enumerate(floors.items(), start=1))
     purpose = (
         f"Robot interface of one lift, for the register map {codec.map.name}. Not a safety component: it does what a "
@@ -74,12 +74,12 @@ def header(codec: Codec, floors: Mapping[str, int]) -> Iterator[str]:
 
 
 def platforms(codec: Codec) -> Mapping[str, str]:
-    """Return PLC families with where to connect the arrays there."""
+    """Return how to connect the arrays, by PLC family."""
     return _BITS if any(area.table in BIT_TABLES for area in areas(codec)) else _REGISTERS
 
 
 def use(area: Area) -> str:
-    """Say what one array is for."""
+    """Describe the use of one array."""
     direction = "read and written by the manager" if area.commanded else "read by the manager"
     return f"Modbus {area.table} {area.first} to {area.last} on the wire, {direction}"
 

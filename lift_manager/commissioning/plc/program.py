@@ -1,4 +1,4 @@
-"""What a lift company programs into its own PLC: Structured Text (IEC 61131-3) and the sheet for its wiring."""
+"""Writes the program for the PLC of a lift company: Structured Text (IEC 61131-3) and its wiring sheet."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from register_maps.schema import RegisterMap
 
 @dataclass(frozen=True, slots=True)
 class PlcProgram:
-    """One program and its wiring."""
+    """One program and its wiring sheet."""
 
     st: str
     """Structured Text, plain ASCII."""
@@ -25,9 +25,9 @@ class PlcProgram:
 
 
 def render(source: RegisterMap, floors: Mapping[str, int]) -> PlcProgram:
-    """Write the program for a checked map; `floors` are names with their codes, lowest floor first.
+    """Return the program for a checked map; `floors` are names with their codes, lowest floor first.
 
-    Raises NoProgram for a map that is not a generic one, or that asks for what the program cannot do.
+    Raises ProgramError for a map that is not generic, or that requires something that the program cannot do.
     """
     requirements.check_name(source)
     codec = compile_map(source)
@@ -36,14 +36,14 @@ def render(source: RegisterMap, floors: Mapping[str, int]) -> PlcProgram:
 
 
 def structured_text(codec: Codec, floors: Mapping[str, int]) -> str:
-    """Write the function block for a compiled map that `requirements.check` has accepted."""
+    """Return the function block for a compiled map that `requirements.check` has accepted."""
     codes, names = tuple(floors.values()), tuple(floors)
     sections = [*command_part(codec, codes), ("What the manager reads.", _joined(signal_part(codec, codes)))]
     lines = [
         "(*",
         *(f"  {line}".rstrip() for line in notes.header(codec, floors)),
         "*)",
-        # one block for each: TwinCAT takes no more in it
+        # one block for each type: TwinCAT accepts no more
         *(line for area in cells.areas(codec) for line in ("TYPE", f"  {area.type_declaration}", "END_TYPE", "")),
         f"FUNCTION_BLOCK {cells.BLOCK}",
         *_areas(codec),
@@ -57,7 +57,7 @@ def structured_text(codec: Codec, floors: Mapping[str, int]) -> str:
 
 
 def _areas(codec: Codec) -> Iterator[str]:
-    """Declare one array per table; the program writes into all of them, also where it takes commands out."""
+    """Yield the declaration of one array per table. The program writes to all of them, as it also clears commands."""
     yield from _variables(
         "VAR_IN_OUT", (f"{area.declaration}  {cells.comment(notes.use(area))}" for area in cells.areas(codec))
     )

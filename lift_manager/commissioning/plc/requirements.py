@@ -1,4 +1,4 @@
-"""What a map and its floors must be like for the program to be written; each refusal is one sentence with its cure."""
+"""Checks whether a program can be written for a map and its floors. Each refusal is one sentence that names the remedy."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ COMMANDS = ("go_to", "hold_door.front", "close_door.front", "robot_mode")
 _NEEDED = ("go_to", "robot_mode")
 
 WATCHDOG_REFRESHES = 3
-"""Commands fall when the manager's refresh is missing for so many of its periods. Chosen: one lost write must not let a
-robot down, and people wait no longer than that for their lift."""
+"""How many refreshes of the manager must be missing before all commands fall. Chosen: one lost write must not end a ride, and people
+do not wait longer than that for their lift."""
 
 
 def check_name(source: RegisterMap) -> None:
-    """Raise NoProgram for a map that says what somebody else's program does."""
+    """Raise ProgramError for a map that describes an existing program of a lift company."""
     if not source.name.startswith(PREFIX):
         raise ProgramError(
             f"{source.name} describes what a lift company has programmed already; a program can be written only for "
@@ -37,13 +37,13 @@ def check_name(source: RegisterMap) -> None:
 
 
 def check(codec: Codec, floors: Mapping[str, int]) -> None:
-    """Raise NoProgram for the first thing that the program could not serve."""
+    """Raise ProgramError for the first requirement that is not met."""
     for reason in chain(_check_map(codec), _check_floors(codec, floors)):
         raise ProgramError(f"{codec.map.name}: {reason}")
 
 
 def watchdog_s(codec: Codec) -> float:
-    """Return after how much silence of the manager all commands fall."""
+    """Return how long the manager may be silent before all commands fall."""
     return WATCHDOG_REFRESHES * (codec.commands["robot_mode"].spec.refresh_s or 0.0)
 
 
@@ -72,9 +72,9 @@ def _check_map(codec: Codec) -> Iterator[str]:
 
 
 def _check_command(command: CommandCodec) -> Iterator[str]:
-    wanted = "pulse" if command.name in ("go_to", "close_door.front") else "hold"
-    if command.spec.action != wanted:
-        yield f"{command.name} must be a {wanted} for this program; say `action: {wanted}`"
+    required = "pulse" if command.name in ("go_to", "close_door.front") else "hold"
+    if command.spec.action != required:
+        yield f"{command.name} must be a {required} for this program; say `action: {required}`"
     if not all(point.table in BIT_TABLES or point.width == 16 for point in command.points):
         yield f"{command.name} must have a coil or a whole register of its own"
 

@@ -1,4 +1,4 @@
-"""The half of the program that tells: from the lift's contacts to the cells that the manager reads."""
+"""Writes the half of the program that reports signals: from the contacts of the lift to the cells that the manager reads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FLAGS = {
     "obstruction.front": ("DoorwayClear", False),
     "overload": ("LoadOk", False),
 }
-"""The variable behind each flag, and its value while the flag says yes."""
+"""The variable behind each flag, and its value while the flag is set."""
 
 _MODES = (
     (Mode.INSPECTION, "NOT NoInspection"),
@@ -35,7 +35,7 @@ _MODES = (
     (Mode.ROBOT, "RobotModeOn"),
     (Mode.NORMAL, "TRUE"),
 )
-"""Highest first, by the precedence table in register_maps/GRAMMAR.md."""
+"""The condition of each mode; highest precedence first, by the table in register_maps/GRAMMAR.md."""
 
 _MOTIONS = (
     (Motion.UP, "MovesUp AND NOT MovesDown"),
@@ -47,13 +47,13 @@ _PAIRS: Mapping[Kind, tuple[Door | Motion, str, str]] = {
     Kind.DOOR: (Door.OPEN, "DoorOpenLimit", "DoorClosedLimit"),
     Kind.MOTION: (Motion.UP, "MovesUp", "MovesDown"),
 }
-"""Of a signal that is two bits: the word that sets the first bit alone, and the contacts behind both."""
+"""For signals of two bits: the word that sets only the first bit, and the contacts behind both."""
 
 _BEAT_S = 0.5
-"""How often the alive counter counts. Chosen: several counts within any `must_change_within_s` a map may ask for."""
+"""The period of the alive counter. Chosen: several counts within any `must_change_within_s` that a map may require."""
 
 Cases = Sequence[tuple[str, int]]
-"""Conditions, the first that holds counts, each with the raw integer to tell then."""
+"""Conditions with the raw integers to report; the first condition that holds counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Part:
 
 
 def signal_part(codec: Codec, floor_codes: Sequence[int]) -> Iterator[Part]:
-    """Write down how every signal of the map is told."""
+    """Yield the parts that report every signal of the map."""
     numbers = range(1, len(floor_codes) + 1)
     if "car_floor" in codec.signals:
         yield _where(numbers)
@@ -101,7 +101,7 @@ def _where(numbers: range) -> Part:
 
 
 def _accepted(numbers: range) -> Part:
-    """Which call of ours the lift still has to serve: its lamp tells, from the press until it goes out."""
+    """Return the part for the call that the lift has not served yet: from our press until its lamp goes out."""
     lamps = " OR ".join(f"(CalledLast = {n} AND CallLamp{n})" for n in numbers)
     return Part(
         ("CallAccepted : INT;  (* the last call, while its lamp is lit; 0 = none *)", "LampLit : BOOL;"),
@@ -120,7 +120,7 @@ def _accepted(numbers: range) -> Part:
 
 
 def _words(codec: Codec) -> Iterator[Part]:
-    """Yield what words need beyond the contacts: which limit the door left last, and empty shared registers."""
+    """Yield what the signals need besides the contacts: the last limit of the door, and cleared shared registers."""
     door = codec.signals.get("door.front")
     if door is not None and len(door.points) == 1:
         yield Part(
@@ -173,7 +173,7 @@ def _doors(signal: SignalCodec) -> Sequence[tuple[Door, str]]:
 
 
 def _listed(signal: SignalCodec, words: Sequence[tuple[Door | Motion | Mode, str]]) -> Cases:
-    """Give each word its code; a word the map has no code for is told as unknown, never as a lower one."""
+    """Return the code for each word. A word without a code in the map is reported as unknown, never as one of lower precedence."""
     return [(when, signal.encode(word) if _has(signal, word) else _blank(signal)) for word, when in words]
 
 
@@ -186,7 +186,7 @@ def _flag(signal: SignalCodec, variable: str, *, when: bool) -> Iterator[str]:
 
 
 def _pair(signal: SignalCodec) -> Iterator[str]:
-    """Two contacts are told as they are: what they mean together is the manager's to judge."""
+    """Yield the statements for two contacts, which are reported as they are: the manager interprets them together."""
     first, *contacts = _PAIRS[signal.kind]
     active_high = signal.encode(first) & 1
     for point, contact in zip(signal.points, contacts, strict=True):
@@ -194,7 +194,7 @@ def _pair(signal: SignalCodec) -> Iterator[str]:
 
 
 def _spread(signal: SignalCodec, cases: Cases) -> Iterator[str]:
-    """Several bits, each set by the floors whose code has it; none for no floor."""
+    """Yield the statements for several bits. Each floor sets the bits of its code; without a floor, none is set."""
     for position, point in enumerate(signal.points):
         setting = [f"({when})" for when, raw in cases if raw >> position & 1]
         yield from _bit(point, " OR ".join(setting) or "FALSE")
@@ -208,7 +208,7 @@ def _bit(point: Point, condition: str) -> Iterator[str]:
 
 
 def _chain(signal: SignalCodec, cases: Cases) -> Iterator[str]:
-    """One point whose value is that of the first condition that holds, or unknown."""
+    """Yield the statements for one point: the value of the first condition that holds, or unknown."""
     word = "IF"
     for when, raw in cases:
         if when == "TRUE":
@@ -244,7 +244,7 @@ def _alive(signal: SignalCodec) -> Part:
 
 
 def _shared(codec: Codec) -> tuple[Point, ...]:
-    """Registers that are composed of several signals, each as one of its points."""
+    """Return the registers that several signals share, each as one of its points."""
     parts = [point for point in codec.signal_points if not point.is_whole]
     return tuple({(point.table, point.address): point for point in parts}.values())
 
@@ -262,7 +262,7 @@ def _has(signal: SignalCodec, word: Value) -> bool:
 
 
 def _blank(signal: SignalCodec) -> int:
-    """Return the raw integer for "not known". Raises NoProgram where the map has none."""
+    """Return the raw integer for unknown. Raises ProgramError if the map has none."""
     if _has(signal, None):
         return signal.encode(None)
     if signal.decode(0) in (UNLISTED, None):

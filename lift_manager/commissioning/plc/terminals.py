@@ -1,7 +1,7 @@
-"""What is wired to the PLC: every terminal by name, contact and meaning. The program and the wiring sheet both read it.
+"""The terminals of the PLC by name, contact and meaning, for the program and the wiring sheet.
 
-Everything that keeps robots away is wired so that a broken wire says it: alarms through normally closed contacts, which
-are closed while all is well, and permissions through normally open ones.
+Signals that keep robots away are wired so that a broken wire keeps them away too: alarms through normally closed contacts, which open
+on an alarm, and permissions through normally open ones.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from register_maps.codec import Codec
 
 @unique
 class Contact(StrEnum):
-    """Kind of contact, as on a drawing."""
+    """The kind of contact, as in a wiring diagram."""
 
     NO = "NO"
-    """Normally open: closed while it is so."""
+    """Normally open: closed while the signal is on."""
     NC = "NC"
-    """Normally closed: open while it is so."""
+    """Normally closed: open while the signal is on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +28,13 @@ class Terminal:
     """One wire between the PLC and the lift."""
 
     name: str
-    """The variable of the program."""
+    """The name of its variable in the program."""
     contact: Contact
     wire_to: str
     when_on: str
     """What TRUE means; for an output, what it does."""
     when_cut: str
-    """What the program takes a broken wire for; for an output, what the lift does then."""
+    """How the program reads a broken wire; for an output, what the lift does then."""
     shows: str | None = None
     """The signal or command of the map that it belongs to."""
 
@@ -82,7 +82,7 @@ _GUARDS = (
         "RobotsAllowed", Contact.NO, "key switch for robots", "robots allowed", "robots refused", "robots_allowed"
     ),
 )
-"""Each of them, when it falls, takes robot mode away; wired whether or not the map shows them."""
+"""Inputs that end robot mode when they fall. They are wired whether or not the map shows them."""
 _GRANT = Terminal(
     "RobotModeGranted",
     Contact.NO,
@@ -152,5 +152,5 @@ def outputs(codec: Codec, floors: Sequence[str]) -> tuple[Terminal, ...]:
 
 
 def shows_lamps(codec: Codec) -> bool:
-    """Whether the map tells which call the lift has taken."""
+    """Whether the map shows which call the lift has accepted."""
     return "call_accepted" in codec.signals or "destination" in codec.signals

@@ -1,4 +1,4 @@
-"""The wiring sheet: which contact goes to which variable, and which Modbus address tells or commands it."""
+"""Writes the wiring sheet: which contact is wired to which variable, and the Modbus address that shows or commands it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from register_maps.words import BIT_TABLES, READ_FUNCTION
 
 
 def wiring_sheet(codec: Codec, floors: Mapping[str, int]) -> str:
-    """Write the sheet as Markdown, for a compiled map that `demands.check` has accepted."""
+    """Return the sheet as Markdown, for a compiled map that `requirements.check` has accepted."""
     names = tuple(floors)
     lines = [
         f"# Wiring sheet: {codec.map.name}",
@@ -66,8 +66,8 @@ def wiring_sheet(codec: Codec, floors: Mapping[str, int]) -> str:
 
 def _input(codec: Codec, terminal: Terminal) -> tuple[str, ...]:
     signal = codec.signals.get(terminal.shows or "")
-    told = "not told; taken into account" if signal is None else _printed(codec, signal)
-    return (terminal.name, terminal.wire_to, terminal.contact, terminal.when_on, terminal.when_cut, told)
+    address = "not told; taken into account" if signal is None else _printed(codec, signal)
+    return (terminal.name, terminal.wire_to, terminal.contact, terminal.when_on, terminal.when_cut, address)
 
 
 def _output(codec: Codec, terminal: Terminal) -> tuple[str, ...]:
