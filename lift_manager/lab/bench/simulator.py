@@ -207,7 +207,7 @@ class _Recorded:
 
 
 class LiftSimulator:
-    """A simulated lift with a Modbus/TCP controller, from any thread.
+    """A simulated lift with a Modbus/TCP controller, for use from any thread.
 
     Faults are values of `simulator.faults`, or names such as `"stuck_door"` and `"in_mode.fire"` with the values of their fields
     as keywords. A request that cannot be carried out raises BenchError.
@@ -314,7 +314,7 @@ class LiftSimulator:
         """Press and release the button of a floor in the car."""
         self._thread.call(lambda: self._plant.press("car_buttons", floor))
 
-    def set_fire(self, on: bool) -> None:  # noqa: FBT001 - it is all that the name leaves open
+    def set_fire(self, on: bool) -> None:  # noqa: FBT001 - clear from the name of the method
         """Switch the fire alarm of the building on or off."""
         self._thread.call(lambda: self._plant.people(fire=on))
 
