@@ -176,6 +176,11 @@ class Output:
         return self.press is not None and (self.has_next_press or self.phase in (Phase.DUE, Phase.LEAVING))
 
     @property
+    def awaits_press_answer(self) -> bool:
+        """Whether a press that is answered now puts it on; one that was released on its way only has to be released."""
+        return self.phase is Phase.LEAVING or (self.phase is Phase.ON and self.is_found_off)
+
+    @property
     def is_asserted(self) -> bool:
         """Whether a write to its cells has to write it as pressed."""
         off = self.paused or self.is_yielding or self.is_lost

@@ -325,7 +325,7 @@ class Outputs:
                 output.armed_at = now + output.spec.reset_first_s
             case StepKind.PAUSE:
                 output.pause_at, output.paused = math.inf, True
-            case StepKind.PRESS if output.phase is Phase.LEAVING or output.is_found_off:
+            case StepKind.PRESS if output.awaits_press_answer:
                 output.phase, output.verified, output.armed_at, output.set_at = Phase.ON, False, None, now
                 output.paused = output.is_abandoned = False
                 output.not_before = max(output.not_before, now + output.spec.min_repeat_s)

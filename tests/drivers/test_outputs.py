@@ -202,6 +202,21 @@ def test_a_press_that_is_let_go_while_it_is_on_its_way_is_released_when_it_has_a
     assert made.all_at_rest
 
 
+def test_a_hold_that_is_pressed_again_and_let_go_on_its_way_is_released_when_it_has_arrived() -> None:
+    made = outputs()
+    made.hold("hold_door.front", 0.0)
+    carry_out(made, 0.0)
+    made.record_reconnect({("", Table.HOLDING, address): 0 for address in range(16, 20)}, 5.0)
+    made.output("hold_door.front").begin += 1
+    again = made.next_step(5.0)
+    assert again == Step(StepKind.PRESS, "hold_door.front", 1)
+    made.release("hold_door.front")
+    made.record_write(again, 5.01)
+    assert made.phase("hold_door.front") is Phase.RELEASING
+    assert carry_out(made, 5.01).kind is StepKind.RELEASE
+    assert made.all_at_rest
+
+
 def test_a_press_that_is_let_go_on_its_way_and_never_left_needs_no_release() -> None:
     made = outputs()
     made.press("go_to", 3, 0.0)
