@@ -286,7 +286,9 @@ def _restore_outputs(draft: Draft, session: Session, saved: SavedSession, floor:
     aboard = robot_is_aboard(config, draft.record)
     command = call_command(config, floor, aboard=aboard)
     if saved.pressed and command is not None and command.name in config.capabilities.until:
-        take_call_output(draft, CallOutput(command, ends_call(config, command, aboard=aboard), None, now))
+        until = ends_call(config, command, aboard=aboard)
+        if until != "arrived" or saved.holding_since is None:  # the door has been held there, so the car had arrived
+            take_call_output(draft, CallOutput(command, until, None, now))
     if saved.holding_since is not None and session.hold_door:
         draft.change(door_hold=DoorHold(floor, may_begin=False, renewed_at=now), door_hold_found=True)
 

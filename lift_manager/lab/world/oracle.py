@@ -333,6 +333,10 @@ class Oracle:
                 return fault.name
         return None
 
+    def frozen_by(self, lift: str, since: float, at: float) -> str | None:
+        """Return which fault has kept the registers as they were before `since`; None if none has."""
+        return _frozen_by(self._lifts[lift], since, at)
+
     # -- how it is judged
 
     def _changed(self, at: float, watched: _WatchedLift, truth: Truth) -> None:
@@ -437,11 +441,10 @@ class Oracle:
 
     def _was_frozen(self, watched: _WatchedLift, lift: str, rule: str, since: float, at: float) -> bool:
         """Excuse a finding about a change after the registers froze: they cannot show it."""
-        for fault in watched.faults:
-            if fault.name in FROZEN_FAULTS and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
-                self.excuse_finding(lift, rule, fault.name)
-                return True
-        return False
+        name = _frozen_by(watched, since, at)
+        if name is not None:
+            self.excuse_finding(lift, rule, name)
+        return name is not None
 
     def _is_fresh(self, watched: _WatchedLift, at: float) -> bool:
         """Whether every block of the poll was answered correctly within the maximum age of a reading."""
@@ -589,6 +592,14 @@ class Oracle:
                 self.excuse_finding(finding.lift, finding.rule, fault.name)
                 return
         self.findings.append(finding)
+
+
+def _frozen_by(watched: _WatchedLift, since: float, at: float) -> str | None:
+    """Return which fault has kept the registers as they were before `since`; None if none has."""
+    for fault in watched.faults:
+        if fault.name in FROZEN_FAULTS and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
+            return fault.name
+    return None
 
 
 def _false_claims(

@@ -172,8 +172,13 @@ class Rules:
         # a person may report as well that a robot has left
         for name in sorted(commands - {"robot_left"} - notes.about.repeated):
             if not self._was_requested(notes, name):
-                text = f"{name}, and the holder has not requested that since"
-                self._report_own_press(at, lift, "pressed by a restart", text, name)
+                rule, text = "pressed by a restart", f"{name}, and the holder has not requested that since"
+                # frozen registers still show a hold that was released meanwhile: it is found on, and refreshed
+                frozen = self._oracle.frozen_by(lift, notes.fell_at, at) if name in notes.about.holds else None
+                if frozen is not None:
+                    self._oracle.excuse_finding(lift, rule, frozen)
+                else:
+                    self._report_own_press(at, lift, rule, text, name)
         self._check_repeats(at, lift, notes, commands)
 
     def on_state(self, at: float, lift: str, state: LiftState) -> None:

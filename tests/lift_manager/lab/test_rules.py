@@ -26,7 +26,7 @@ from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason, Holder
 from lift_manager.lift.state import LiftState
 from register_maps.words import Mode
-from simulator.faults import Fault, PowerLoss, Stopped
+from simulator.faults import Fault, FrozenRegisters, PowerLoss, Stopped
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, judge, polled, state
 
 OTHER = Holder("fleet", "r2")
@@ -237,6 +237,23 @@ def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> 
     rules.on_request(5.0, request(), None)
     rules.on_press(6.0, "lift", frozenset({"hold_door.front"}))
     assert found(oracle) == ["pressed by a restart"]
+
+
+@pytest.mark.parametrize("frozen_at", [1.5, 2.5])
+def test_a_hold_that_frozen_registers_still_show_is_kept_by_a_restart(frozen_at: float) -> None:
+    oracle, rules = book(holds=frozenset({"hold_door.front"}))
+    for witness in (oracle, rules):
+        witness.on_truth(1.0, "lift", HELD)
+    frozen = FaultChange("lift", FrozenRegisters(), began=True)
+    for at, happens in sorted([(2.0, None), (frozen_at, frozen)], key=lambda one: one[0]):
+        for witness in (oracle, rules):
+            if happens is None:
+                witness.on_truth(at, "lift", STANDS_OPEN)
+            else:
+                witness.on_fault(at, happens)
+    rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
+    rules.on_press(4.0, "lift", frozenset({"hold_door.front"}))
+    assert found(oracle) == ([] if frozen_at < 2.0 else ["pressed by a restart"])
 
 
 def test_a_robot_that_says_it_is_inside_has_asked_for_the_lift() -> None:

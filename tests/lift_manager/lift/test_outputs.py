@@ -80,6 +80,22 @@ def test_an_unchanged_reading_of_an_idle_lift_is_no_news() -> None:
     )
 
 
+def test_a_restart_keeps_a_call_until_the_car_has_arrived_and_the_door_hold_from_then_on() -> None:
+    able = replace(PLAIN, until={"go_to": "arrived"}, held_commands=PLAIN.held_commands | {"go_to"})
+    called = PaperLift(able)
+    called.read()
+    called.accept("L2")
+    called.wait(0.5)
+    called.status["go_to"] = OutputState.ON
+    called.answer()
+    assert called.restarted().holds.keys() == {"go_to", "robot_mode"}
+    arrived = PaperLift(able)
+    arrived.called_to("L2")
+    after = arrived.restarted()
+    # the two may exclude each other: a call that is declared for nothing would be released first, and the hold with it
+    assert after.holds.keys() == {"hold_door.front", "robot_mode"}
+
+
 def test_a_lift_that_is_not_read_is_looked_at_when_its_reading_gets_too_old() -> None:
     lift = PaperLift()
     lift.read()
