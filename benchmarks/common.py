@@ -14,8 +14,11 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -51,6 +54,19 @@ ALIVE, FLOOR, MOTION, DOOR, MODE, BITS, DESTINATION, ACCEPTED = range(8)
 GO_TO, HOLD_DOOR, ROBOT_MODE = 16, 17, 18
 STOPPED, UP = 1, 2
 READY_WITHIN_S = 30.0
+START_WITHIN_S = 120.0
+"""A program that takes longer to start or to end hangs, and is killed. Chosen: on a busy computer our imports take half a minute."""
+SERVES = r"http://[\d.]+:(\d+)/docs"
+"""The ready message of `serve`, with its port."""
+LIFT_MANAGER = ("-m", "lift_manager")
+POLL_S = 0.1
+STATE_REQUEST = b"GET /open-rmf/demo-lift/lift_state?lift_name=%s HTTP/1.1\r\nHost: localhost\r\n\r\n"
+PRESS_PAUSE_S = (0.7, 1.1)
+"""Between two presses of one lift: a press lasts 0.5 s."""
+PRESS_WITHIN_S = 30.0
+"""What takes longer is an error, and no measurement."""
+PRESS_ATTEMPTS = 5
+"""For each press at the most."""
 _PLC_REGISTERS = 24
 _IDLE = {FLOOR: 1, MOTION: 1, DOOR: 1, MODE: 1, BITS: 0b101}
 _GRANTED = 0b10
@@ -104,10 +120,10 @@ def two_cores() -> tuple[int | None, int | None]:
     return cores[0], cores[-1]
 
 
-def pin(core: int | None) -> None:
-    """Keep this process on one core."""
+def pin(core: int | None, process: int = 0) -> None:
+    """Keep a process on one core, this one by default."""
     if core is not None:
-        os.sched_setaffinity(0, {core})
+        os.sched_setaffinity(process, {core})
 
 
 def allow_files(connections: int) -> None:
@@ -177,7 +193,8 @@ class Controller(asyncio.Protocol):
         self.registers = [0] * _PLC_REGISTERS
         for address, value in _IDLE.items():
             self.registers[address] = value
-        self._requests = 0
+        self.reads = 0
+        """How many reads it has answered."""
         self._awaited: tuple[int, asyncio.Future[float]] | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -188,8 +205,8 @@ class Controller(asyncio.Protocol):
         head, function = data[:4], data[7]
         if function == 3:
             start, count = struct.unpack(">HH", data[8:12])
-            self._requests += 1
-            self.registers[ALIVE] = self._requests // 2 & 0xFFFF
+            self.reads += 1
+            self.registers[ALIVE] = self.reads // 2 & 0xFFFF
             values = struct.pack(f">{count}H", *self.registers[start : start + count])
             self._answer(head, data[6:8] + bytes([2 * count]) + values)
         elif function == 6:
@@ -242,13 +259,23 @@ def site_file(folder: Path, ports: Mapping[str, int], poll_s: float) -> Path:
 
 
 @contextlib.contextmanager
-def running(*arguments: str, pattern: str, tree: Path = ROOT) -> Iterator[re.Match[str]]:
-    """Run the `lift-manager` of a source tree in its own process until the block ends; yields the match of its ready message."""
+def running(
+    *arguments: str,
+    pattern: str,
+    tree: Path = ROOT,
+    program: tuple[str, ...] = LIFT_MANAGER,
+    core: int | None = None,
+) -> Iterator[re.Match[str]]:
+    """Run a Python program, the `lift-manager` of a source tree by default, in its own process until the block ends.
+
+    Yields the match of its ready message.
+    """
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(  # noqa: S603  our own program and arguments
-            [sys.executable, "-m", "lift_manager", *arguments], cwd=tree, stdout=subprocess.PIPE, stderr=log, text=True
+            [sys.executable, *program, *arguments], cwd=tree, stdout=subprocess.PIPE, stderr=log, text=True
         )
         try:
+            pin(core, process.pid)
             yield _first_match(process, pattern)
         except BaseException:
             log.seek(0)
@@ -256,11 +283,70 @@ def running(*arguments: str, pattern: str, tree: Path = ROOT) -> Iterator[re.Mat
             raise
         finally:
             process.terminate()
-            process.wait(READY_WITHIN_S)
+            with _killed_if_stuck(process):
+                process.wait()
 
 
 def _first_match(process: subprocess.Popen[str], pattern: str) -> re.Match[str]:
-    for line in process.stdout or ():
-        if (found := re.search(pattern, line)) is not None:
-            return found
-    raise SystemExit(f"the program ended with {process.wait()} before it was ready")
+    with _killed_if_stuck(process):
+        for line in process.stdout or ():
+            if (found := re.search(pattern, line)) is not None:
+                return found
+        raise SystemExit(f"the program ended with {process.wait()} before it was ready")
+
+
+@contextlib.contextmanager
+def _killed_if_stuck(process: subprocess.Popen[str]) -> Iterator[None]:
+    """Kill a process if the block, which waits for it, takes too long."""
+    timer = threading.Timer(START_WITHIN_S, process.kill)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+Program = contextlib.AbstractContextManager[re.Match[str]]
+"""A program that runs within the context, and the match of its ready message."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiftServer:
+    """A running program that serves the workshop's API, and the controller of its lift."""
+
+    controller: Controller
+    port: int
+
+    async def press(self, code: int) -> float | None:
+        """Request a floor over a new connection; return the seconds until the first byte of the call is at the controller.
+
+        None if the request was refused: another floor was requested too often, or the computer is too busy to read its lift in time.
+        """
+        body = json.dumps({"floor": FLOOR_NAMES[code - 1], "door_state": 2})
+        head = f"POST /open-rmf/demo-lift/lift_request?lift_name=lift HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
+        called, requested_at = self.controller.called(code), time.monotonic()
+        async with asyncio.timeout(PRESS_WITHIN_S):
+            reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
+            writer.write(f"{head}Content-Type: application/json\r\nConnection: close\r\n\r\n{body}".encode())
+            _, _, answer = (await reader.read()).partition(b"\r\n\r\n")
+            writer.close()
+            return await called - requested_at if json.loads(answer)["success"] else None
+
+
+@contextlib.asynccontextmanager
+async def serving(serve: Callable[[int], Program]) -> AsyncIterator[LiftServer]:
+    """Play the controller of a lift, and run the program that `serve` makes for the controller's port."""
+    controller, program = Controller(), contextlib.ExitStack()
+    server = await asyncio.get_running_loop().create_server(partial(only, controller), "127.0.0.1", 0)
+    try:
+        match = await asyncio.to_thread(program.enter_context, serve(server.sockets[0].getsockname()[1]))
+        yield LiftServer(controller, int(match[1]))
+    finally:
+        await asyncio.to_thread(program.close)
+        server.close()
+
+
+def manager(folder: Path, port: int, *, tree: Path = ROOT, core: int | None = None) -> Program:
+    """Run `serve` for the lift at this port, with its journal in the folder."""
+    site = site_file(folder, {"lift": port}, POLL_S)
+    return running("serve", str(site), "--port", "0", pattern=SERVES, tree=tree, core=core)

@@ -26,13 +26,13 @@ import uvloop
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
 from benchmarks import common
+from benchmarks.common import POLL_S
 from lift_manager.app import ManagerParts
 from lift_manager.runtime.bus import StateChanged
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.server import listen, serve
 
-POLL_S = 0.1
 SETTLE_S = 3.0
 """Streams open, caches fill."""
 WITHIN_S = 0.050
@@ -44,7 +44,6 @@ LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
     "asyncio": asyncio.new_event_loop,
 }
 MARK = b"published at "
-STATE_REQUEST = b"GET /open-rmf/demo-lift/lift_state?lift_name=%s HTTP/1.1\r\nHost: localhost\r\n\r\n"
 STREAM_REQUEST = b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
@@ -121,7 +120,7 @@ class Requester(asyncio.Protocol):
         """Request the state of a lift, unless an answer is still awaited."""
         if self._requested_at is None:
             self._requested_at = time.monotonic()
-            self._transport.write(STATE_REQUEST % lift.encode())  # type: ignore[attr-defined]  # it is a transport for writing
+            self._transport.write(common.STATE_REQUEST % lift.encode())  # type: ignore[attr-defined]  # it is a transport for writing
 
     def forget(self) -> None:
         """Do not count the answer to an earlier request."""

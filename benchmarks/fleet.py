@@ -28,8 +28,8 @@ from pymodbus.exceptions import ModbusException
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
 from benchmarks import common
+from benchmarks.common import POLL_S
 
-POLL_S = 0.1
 SETTLE_S = 1.0
 READY_WITHIN_S = 20.0
 SAMPLES_PER_S = 200

@@ -22,9 +22,9 @@ import uvloop
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
 from benchmarks import common
+from benchmarks.common import POLL_S
 from lift_manager.app import ManagerParts
 
-POLL_S = 0.1
 SETTLE_S = 2.0
 ALONE = 20
 ACCEPT = {"text": "text/plain", "OpenMetrics": "application/openmetrics-text;version=1.0.0"}

@@ -11,64 +11,29 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import http.client
-import json
 import random
 import statistics
 import sys
 import tempfile
-import time
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
-from benchmarks.common import FLOOR_NAMES, ROOT, Controller, only, running, site_file
-
-PAUSE_S = (0.7, 1.1)
-"""Between two requests: a press lasts 0.5 s."""
-WITHIN_S = 30.0
-"""What takes longer is an error, and no measurement."""
-ATTEMPTS = 5
-"""For each press at the most."""
-
-
-def post(port: str, floor: str) -> bool:
-    """Request a floor by the workshop's API; False if refused, as on a computer too busy to read its lift in time."""
-    connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=WITHIN_S)
-    body = json.dumps({"floor": floor, "door_state": 2})
-    path = "/open-rmf/demo-lift/lift_request?lift_name=lift"
-    connection.request("POST", path, body, {"content-type": "application/json"})
-    reply = json.loads(connection.getresponse().read())
-    connection.close()
-    return bool(reply["success"])
+from benchmarks.common import PRESS_ATTEMPTS, PRESS_PAUSE_S, ROOT, manager, serving
 
 
 async def measured(tree: Path, folder: Path, presses: int) -> list[float]:
     """Return what each press took, in milliseconds."""
-    controller, dice, took = Controller(), random.Random(1), []
-    server = await asyncio.get_running_loop().create_server(partial(only, controller), "127.0.0.1", 0)
-    site = site_file(folder, {"lift": server.sockets[0].getsockname()[1]}, 0.1)
-    manager = ExitStack()
-    try:
-        serve = running("serve", str(site), "--port", "0", pattern=r"http://[\d.]+:(\d+)/docs", tree=tree)
-        match = await asyncio.to_thread(manager.enter_context, serve)
-        for number in range(ATTEMPTS * presses):
-            code = 2 + number % 2
-            called, requested_at = controller.called(code), time.monotonic()
-            if await asyncio.to_thread(post, match[1], FLOOR_NAMES[code - 1]):
-                async with asyncio.timeout(WITHIN_S):
-                    wrote_at = await called
-                if number:  # the first one waits until the controller has granted robot mode
-                    took.append((wrote_at - requested_at) * 1e3)
-            if len(took) == presses:
+    dice, took = random.Random(1), list[float]()
+    async with serving(partial(manager, folder, tree=tree)) as server:
+        for _ in range(PRESS_ATTEMPTS * presses):
+            if (seconds := await server.press(2 + len(took) % 2)) is not None:
+                took.append(seconds * 1e3)
+            if len(took) > presses:
                 break
-            await asyncio.sleep(dice.uniform(*PAUSE_S))
-    finally:
-        await asyncio.to_thread(manager.close)
-        server.close()
-    return took
+            await asyncio.sleep(dice.uniform(*PRESS_PAUSE_S))
+    return took[1:]  # the first one waits until the controller has granted robot mode
 
 
 async def main(chosen: argparse.Namespace) -> None:

@@ -25,7 +25,19 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
-from benchmarks.common import FLOOR_NAMES, MOTION, READY_WITHIN_S, STOPPED, UP, Controller, only, running, site_file
+from benchmarks.common import (
+    FLOOR_NAMES,
+    MOTION,
+    PRESS_PAUSE_S,
+    READY_WITHIN_S,
+    SERVES,
+    STOPPED,
+    UP,
+    Controller,
+    only,
+    running,
+    site_file,
+)
 from lift_manager.rmf.contract import REPLAY_S
 from lift_manager.rmf.dds import Monitor
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
@@ -34,8 +46,6 @@ from lift_manager.rmf.ros_settings import RosSettings
 OVERHEAD_S = 0.005
 WITHIN_S = 10.0
 """Anything slower is an error, not a measurement."""
-PAUSE_S = (0.7, 1.1)
-"""Between two requests of one lift: a press lasts 0.5 s."""
 
 
 class Rmf:
@@ -84,7 +94,7 @@ def _set(future: asyncio.Future[float], now: float) -> None:
 @contextlib.contextmanager
 def _manager(process_layout: str, site: Path) -> Iterator[None]:
     rmf_option = ["--rmf"] if process_layout == "inside" else []
-    with running("serve", str(site), "--port", "0", *rmf_option, pattern=r"http://[\d.]+:(\d+)/docs") as match:
+    with running("serve", str(site), "--port", "0", *rmf_option, pattern=SERVES) as match:
         if process_layout == "inside":
             yield
         else:
@@ -105,7 +115,7 @@ async def _requests(lift: str, controller: Controller, monitor: Monitor, times: 
             took = await called - requested_at
         if number:  # the first one waits until the controller has granted robot mode
             times.requests.append(took)
-        await asyncio.sleep(dice.uniform(*PAUSE_S))
+        await asyncio.sleep(dice.uniform(*PRESS_PAUSE_S))
     monitor.send_request(LiftRequest(lift, Time(), session, END_SESSION, "", 0), direct=True)
 
 
