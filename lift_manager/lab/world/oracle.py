@@ -313,7 +313,7 @@ class Oracle:
                 self._track_fault(watched, change, at)
 
     def is_clean(self, lift: str, at: float, for_s: float) -> bool:
-        """Whether for so long every request to this lift was answered correctly and obeyed."""
+        """Whether every request to this lift has been answered correctly and obeyed for this long."""
         watched = self._lifts[lift]
         return not watched.troubles and at - watched.clean_since > for_s
 
