@@ -266,7 +266,7 @@ def test_a_reading_without_news_changes_nothing() -> None:
         assert made.life.polls()["lift"] > 20
         assert made.actor.record is before
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.1)
 
 
 def test_a_lift_is_offline_once_its_reading_is_too_old_though_the_next_read_hangs() -> None:

@@ -17,6 +17,7 @@ from register_maps.words import Door, Mode, Side
 from simulator.controller import Inputs
 from simulator.state import Parameters
 from tests.lift_manager.runtime.heard import heard, only
+from tests.lift_manager.runtime.scripted import PLAIN, Bench, on_bench
 from tests.support.refusals import refusal, reply
 from tests.support.session_calls import ROBOT, SECOND
 from tests.support.spine import OTHER, Spine, on_spine
@@ -223,7 +224,7 @@ def test_a_lift_that_another_holds_is_refused_with_who_and_since_when() -> None:
 
 
 def test_the_same_key_gives_the_same_session_and_the_same_request_as_long_as_they_are_remembered() -> None:
-    async def check(made: Spine) -> None:
+    async def check(made: Bench) -> None:
         session = made.opened(key="one")
         assert made.opened(key="one").id == session.id
         assert made.open_refused(SECOND, key="one").code is Refusal.HELD
@@ -239,7 +240,7 @@ def test_the_same_key_gives_the_same_session_and_the_same_request_as_long_as_the
         await elapse(SESSIONS_FOR_S + 1)
         assert made.opened(key="one").id != session.id
 
-    on_spine(check, poll_s=0.5)  # an hour goes by
+    on_bench(check, replace(PLAIN, max_age_s=60.0), poll_s=20.0)  # an hour goes by
 
 
 def test_a_key_that_was_used_for_another_wish_is_refused_and_nothing_is_done() -> None:
@@ -424,11 +425,11 @@ def test_the_hold_of_a_door_that_is_shut_holds_nothing_although_its_point_reads_
         await stands_open(made, "L2")
         assert made.read(session).door_held
         shut = 0
-        for _ in range(600):
+        for _ in range(200):
             await elapse(0.1)
             if made.state.doors[Side.FRONT] in (Door.CLOSING, Door.CLOSED):
                 shut += 1
                 assert not made.read(session).door_held
         assert shut > 20, "the lift has let go of its door"
 
-    on_spine(check, like=Parameters(drops_stuck_button_s=10.0))
+    on_spine(check, like=Parameters(drops_stuck_button_s=5.0))

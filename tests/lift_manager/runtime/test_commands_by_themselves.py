@@ -106,7 +106,7 @@ def test_a_word_that_waits_for_a_grant_lets_go_of_the_door_and_the_lease_stands_
         await made.called_to("L1")
         made.driver.grants = False
         made.accept("L3", RobotWord.IN_PLACE)
-        await elapse(300)
+        await elapse(60)
         assert made.state.holder == ROBOT
 
     on_bench(check, go_needs(robot_in_place=frozenset({"robot_mode_on"})), lease_s=30)
@@ -115,7 +115,7 @@ def test_a_word_that_waits_for_a_grant_lets_go_of_the_door_and_the_lease_stands_
 def test_a_grant_that_never_comes_ends_the_session_with_its_name() -> None:
     async def check(made: Bench) -> None:
         made.accept("L1")
-        await elapse(599)
+        await elapse(19)
         before = made.state.holder
         await elapse(2)
         assert (before, made.state.holder) == (ROBOT, None)
@@ -123,9 +123,10 @@ def test_a_grant_that_never_comes_ends_the_session_with_its_name() -> None:
         while not isinstance(event := await made.heard.next(), SessionEnded):
             pass
         assert event.reason is EndReason.NOT_GRANTED
-        assert event.text == "level, robot_mode_on for call was not granted within 600 s"
+        assert event.text == "level, robot_mode_on for call was not granted within 20 s"
 
-    on_bench(check, go_needs("level", call=frozenset({"level", "robot_mode_on"})))
+    needs = go_needs("level", call=frozenset({"level", "robot_mode_on"}))
+    on_bench(check, replace(needs, granted_within_s=20.0))
 
 
 def test_a_pulse_is_not_taken_for_forgotten_because_another_call_is_a_level() -> None:
@@ -133,7 +134,7 @@ def test_a_pulse_is_not_taken_for_forgotten_because_another_call_is_a_level() ->
         made.accept("L1")
         await elapse(1)
         await made.car(None, Door.CLOSED)
-        for _ in range(30):
+        for _ in range(10):
             made.accept("L1")
             await elapse(2)
         assert made.presses == ["go_to.front L1"]
@@ -171,9 +172,9 @@ def test_after_a_spent_hold_only_a_call_that_keeps_the_door_open_is_not_pressed_
         await elapse(1)
         shut = {Side.FRONT: Door.CLOSED, Side.REAR: Door.CLOSED}
         made.driver.values = replace(made.driver.values, floor=floor, doors=shut | {side: Door.OPEN})
-        await elapse(30)
+        await elapse(15)
         made.driver.values = replace(made.driver.values, doors=shut)
-        await elapse(30)
+        await elapse(15)
         made.accept(floor)
         await elapse(3)
         assert len(made.presses) == (2 if pressed_again else 1)
@@ -189,9 +190,9 @@ def test_a_spent_hold_counts_against_the_call_of_the_occupied_car_where_that_one
         made.accept("L3", RobotWord.IN_PLACE)
         await elapse(1)
         await made.ridden_to("L3")
-        await elapse(30)
+        await elapse(15)
         await made.car("L3", Door.CLOSED)
-        await elapse(30)
+        await elapse(15)
         made.driver.delay_s = 0.01
         made.accept("L3", RobotWord.IN_PLACE)
         await elapse(3)

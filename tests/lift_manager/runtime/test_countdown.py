@@ -77,7 +77,7 @@ def test_a_lift_that_nobody_holds_counts_down_to_nothing() -> None:
 def test_a_session_of_rmf_has_its_open_withdrawn_sooner_and_no_lease() -> None:
     async def check(made: Bench) -> None:
         await open_for_it(made)
-        await elapse(80)
+        await elapse(35)
         left_s = made.state.releases_in_s
         assert left_s is not None
         assert left_s > 30
@@ -86,7 +86,7 @@ def test_a_session_of_rmf_has_its_open_withdrawn_sooner_and_no_lease() -> None:
         assert made.robot_door() is RobotDoor.MOVING
         assert made.driver.on
 
-    on_bench(check, PLAIN, lease_s=30.0, max_session_hold_s=120.0)
+    on_bench(check, PLAIN, lease_s=30.0, max_session_hold_s=75.0)
 
 
 def test_the_limit_of_a_hold_ends_it_though_the_lift_cannot_be_read() -> None:

@@ -35,7 +35,7 @@ async def fire_breaks_out(made: Spine) -> None:
     await elapse(0.3)
     assert outputs(made) == [0, 0, 0, 0]
     assert made.state.holder is None
-    for _ in range(200):
+    for _ in range(100):
         assert made.state.robot_door is not RobotDoor.OPEN
         await elapse(0.1)
     assert len(made.presses()) == pressed

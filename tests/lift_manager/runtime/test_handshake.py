@@ -72,7 +72,7 @@ def test_a_new_floor_right_after_the_door_opened_is_not_taken_for_boarding_yet()
 def test_without_word_and_without_inference_a_new_floor_is_refused_and_says_what_to_do() -> None:
     async def check(made: Bench) -> None:
         await made.called_to("L1")
-        await elapse(60)
+        await elapse(10)
         refused = made.refuse("L3")
         assert refused.code is Refusal.OCCUPANCY_UNKNOWN
         assert "say that the robot is in place" in refused.message
@@ -112,10 +112,10 @@ def test_the_call_stays_on_until_the_lift_has_taken_the_word_in_place() -> None:
 def test_a_call_that_keeps_the_door_open_is_renewed_while_the_robot_takes_its_time() -> None:
     async def check(made: Bench) -> None:
         await made.called_to("L1")
-        for _ in range(200):
+        for _ in range(30):
             await elapse(1)
             made.accept("L1")
-        assert made.driver.renewed["call"] == pytest.approx(202, abs=3)
+        assert made.driver.renewed["call"] == pytest.approx(32, abs=3)
         assert made.presses == ["call L1"]
 
     on_bench(check)
@@ -202,8 +202,8 @@ def test_a_two_stop_lift_is_sent_on_by_the_robot_being_in_place(*, infer: bool) 
         assert made.driver.log == ["press call L1", "press robot_in_place", "let go call"]
         assert made.driver.on == {"robot_in_place"}
         await made.car(None, Door.CLOSED)
-        await elapse(100)
-        assert made.driver.renewed["robot_in_place"] > 100
+        await elapse(20)
+        assert made.driver.renewed["robot_in_place"] > 20
         await made.car("L3", Door.OPEN)
         assert made.robot_door() is RobotDoor.OPEN
         made.accept("L3", None if infer else LEFT, hold=False)

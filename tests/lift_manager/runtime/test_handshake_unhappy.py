@@ -105,7 +105,7 @@ def test_permission_withdrawn_while_the_door_is_open_shows_at_once() -> None:
         await elapse(0.11)
         assert made.robot_door() is RobotDoor.MOVING
 
-    on_bench(check)
+    on_bench(check, poll_s=0.1)
 
 
 def test_nothing_is_inferred_from_a_car_that_stands_open_at_another_floor() -> None:
@@ -136,16 +136,16 @@ def test_a_word_in_place_that_failed_is_given_again_only_on_a_repeat_and_after_a
         await made.called_to("L1")
         made.driver.answers["robot_in_place"] = result
         made.accept("L3", IN_PLACE)
-        await elapse(20)
+        await elapse(5)
         assert made.presses == ["call L1", "robot_in_place"]
         assert "call" in made.driver.on
-        for _ in range(50):
+        for _ in range(14):
             made.accept("L3")
             await elapse(1)
-        assert made.presses.count("robot_in_place") == pytest.approx(5, abs=1)
+        assert made.presses.count("robot_in_place") == pytest.approx(4, abs=1)
         assert not [line for line in made.presses if line.startswith("go")]
         made.driver.answers.clear()
-        await elapse(30)
+        await elapse(17)
         made.accept("L3")
         await elapse(1)
         assert made.presses[-1] == "go L3"
@@ -189,10 +189,10 @@ def test_no_door_is_held_while_the_car_moves_with_a_robot_that_it_was_not_told_o
     on_bench(check, able)
 
 
-def test_fifty_repeats_of_every_request_press_nothing_twice() -> None:
+def test_twenty_repeats_of_every_request_press_nothing_twice() -> None:
     async def check(made: Bench) -> None:
         async def repeat(floor: str, robot: RobotWord | None = None) -> None:
-            for _ in range(50):
+            for _ in range(20):
                 made.accept(floor, robot)
                 await elapse(0.2)
 
@@ -203,7 +203,7 @@ def test_fifty_repeats_of_every_request_press_nothing_twice() -> None:
         await repeat("L3", IN_PLACE)
         await made.car("L3", Door.OPEN, leave=True)
         await repeat("L3", IN_PLACE)
-        for _ in range(50):
+        for _ in range(20):
             made.accept("L3", LEFT, hold=False)
             await elapse(0.2)
         assert made.presses == ["call L1", "robot_in_place", "go L3", "robot_left"]
@@ -247,7 +247,7 @@ def test_a_word_that_the_lift_does_not_grant_is_not_given_at_the_pace_of_the_pol
         made.accept("L3", IN_PLACE)
         await elapse(1)
         made.driver.grants = True
-        await elapse(60)
+        await elapse(10)
         assert made.presses == ["call L1"]
         made.accept("L3")
         await elapse(1)
@@ -378,18 +378,18 @@ def test_a_lost_go_is_pressed_again_on_a_repeat_and_the_robot_stays_aboard() -> 
 def test_a_call_that_keeps_the_door_open_is_bounded_by_the_site_and_not_taken_up_again() -> None:
     async def check(made: Bench) -> None:
         await made.called_to("L1")
-        for _ in range(70):
+        for _ in range(20):
             made.accept("L1")
             await elapse(1)
         assert made.driver.on == set()
         await made.car(None, Door.CLOSED)
-        for _ in range(70):
+        for _ in range(20):
             made.accept("L1")
             await elapse(1)
         assert made.presses == ["call L1"]
         assert made.state.holder is not None
 
-    on_bench(check, max_session_hold_s=60)
+    on_bench(check, max_session_hold_s=15)
 
 
 def test_a_session_that_names_its_robot_aboard_on_a_plain_lift_is_not_lost_in_silence() -> None:

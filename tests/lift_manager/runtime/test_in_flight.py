@@ -41,7 +41,7 @@ def test_a_hold_released_while_its_press_is_on_its_way_is_let_go() -> None:
         made.accept("L1")
         await written(made, lambda request: request.values[2:3] == (1,))
         made.accept("L1", hold=False)
-        await elapse(60)
+        await elapse(10)
         assert outputs(made) == AT_REST
 
     on_spine(check, "two-stop-agv")
@@ -50,12 +50,12 @@ def test_a_hold_released_while_its_press_is_on_its_way_is_let_go() -> None:
 @pytest.mark.parametrize("delay_s", [0.004, 0.08])
 @pytest.mark.parametrize("map_name", MAPS)
 def test_stopping_at_any_instant_of_a_ride_leaves_nothing_on(map_name: str, delay_s: float) -> None:
-    for step in range(0, 240, 8):
+    for step in range(0, 240, 16):
 
         async def check(made: Spine, step: int = step) -> None:
             made.device.delay_s = delay_s
-            await elapse(1)
-            made.accept("L1" if step % 16 else "L2")
+            await elapse(0.5)
+            made.accept("L1" if step % 32 else "L2")
             await elapse(0.007 * step)
             await made.life.stop()
             assert outputs(made) == AT_REST, step
@@ -70,7 +70,7 @@ def test_commands_that_exclude_each_other_are_never_on_together() -> None:
         made.accept("L1")
         await written(made, lambda request: request.values[2:3] == (1,))
         made.accept("L2")
-        await elapse(30)
+        await elapse(15)
         assert all(sum(request.values) <= 1 for _, request in made.device.writes)
         assert made.state.floor == "L2"
 
@@ -100,11 +100,11 @@ def test_no_press_leaves_after_the_answer_that_tells_of_a_fire() -> None:
             await elapse(0.06)
             reply(made.accept, "L2")
             fire_told_at = asyncio.get_running_loop().time() + 0.25
-            await elapse(5)
+            await elapse(2)
             assert not [request for at, request in made.device.writes if at > fire_told_at and any(request.values)]
             assert outputs(made) == AT_REST
 
-    on_spine(check)
+    on_spine(check, poll_s=0.1)
 
 
 def test_letting_go_forgets_a_press_that_waits_behind_a_release() -> None:
@@ -161,7 +161,7 @@ def test_a_held_call_that_the_controller_forgot_is_pressed_again_on_a_repeat() -
         for wire in made.device.wires:
             wire.drop()
         await elapse(1)
-        for _ in range(30):
+        for _ in range(15):
             reply(made.accept, "L2")
             await elapse(1)
         assert made.state.floor == "L2"
@@ -173,7 +173,7 @@ def test_a_controller_that_says_no_to_a_hold_is_not_asked_at_the_pace_of_the_pol
     async def check(made: Spine) -> None:
         made.device.refuses = True
         made.accept("L2")
-        await elapse(60)
-        assert 1 < made.device.refused < 90
+        await elapse(20)
+        assert 1 < made.device.refused < 30
 
     on_spine(check)

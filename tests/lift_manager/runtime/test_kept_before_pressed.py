@@ -31,7 +31,7 @@ MAPS = ("generic-registers", "generic-coils", "two-stop-agv", "adam-io", "seer-s
 
 
 async def ride(lift: Spine) -> None:
-    first, second = lift.actor.config.floors[-1], lift.actor.config.floors[0]
+    second, first, *_ = lift.actor.config.floors
     for floor in (first, second):
         await elapse(6.0)  # a robot boards
         lift.accept(floor)
@@ -69,7 +69,7 @@ def test_the_lift_is_told_of_a_robot_in_place_only_once_that_is_kept() -> None:
 
     async def main() -> None:
         async with spine("seer-siemens-chengdu", recorder=witness) as lift:
-            floor = lift.actor.config.floors[-1]
+            floor = lift.actor.config.floors[1]
             lift.accept(floor)
             await lift.until(lambda state: state.robot_door is RobotDoor.OPEN and state.floor == floor)
             lift.accept(lift.actor.config.floors[0], RobotWord.IN_PLACE)

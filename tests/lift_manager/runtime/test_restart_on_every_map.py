@@ -10,7 +10,7 @@ from lift_manager.runtime.recorder import MemoryRecorder
 from register_maps.load import shipped
 from tests.support.trip import trip
 from tests.support.trip_simulator import SimulatedPlant
-from tests.support.trip_sites import NO_TRIP, Site, site_of, stops
+from tests.support.trip_sites import NO_TRIP, Site, site_of
 from tests.support.virtual_time import elapse, run_virtual
 
 MAPS = sorted(set(shipped()) - set(NO_TRIP))
@@ -26,7 +26,7 @@ def stays(site: Site) -> set[str]:
 def lost_by_a_restart(name: str, *, door_open_s: float | None, silent_s: float) -> list[str]:
     """Kill the manager under way, or so long after the door stood open; list what was on then and was let go of after it."""
     site = site_of(name)
-    plant, memory, (pickup, _) = SimulatedPlant(site), MemoryRecorder(), stops(site)
+    plant, memory, pickup = SimulatedPlant(site), MemoryRecorder(), tuple(site.floors)[1]
 
     async def main() -> list[str]:
         async with trip(site, plant, recorder=memory, door_proven=True) as before:

@@ -9,5 +9,5 @@ from tests.lift_manager.runtime.session_machine import SessionMachine
 
 @pytest.mark.timeout(600)  # seconds of a whole processor; what hangs ends by the limits of virtual time
 def test_callers_faults_and_restarts_in_any_order() -> None:
-    few = settings(max_examples=8, stateful_step_count=20, suppress_health_check=list(HealthCheck))
+    few = settings(max_examples=4, stateful_step_count=20, suppress_health_check=list(HealthCheck))
     run_state_machine_as_test(SessionMachine, settings=few)

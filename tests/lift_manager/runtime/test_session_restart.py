@@ -298,7 +298,7 @@ def test_another_caller_that_is_heard_first_gets_a_car_in_which_no_robot_can_be(
 
 def test_another_caller_that_is_heard_first_takes_nothing_from_a_car_that_may_hold_a_robot() -> None:
     async def after(made: Bench) -> None:
-        for _ in range(40):
+        for _ in range(32):
             refused = made.refuse("L3", holder=OTHER)
             assert refused.code is Refusal.HELD
             assert "its robot may be in the car" in refused.message
@@ -445,12 +445,12 @@ def test_a_robot_that_was_invited_until_a_restart_has_clear_s_before_its_lease_m
 def test_the_limits_of_hold_and_session_go_on_where_they_were() -> None:
     async def before(made: Bench) -> None:
         await open_at_l1(made)
-        await elapse(50)
+        await elapse(20)
         made.accept("L1")
 
     async def spent(made: Bench) -> None:
         await elapse(5)
-        assert [text for text in await made.alarms() if "the door was held for 60 s" in text]
+        assert [text for text in await made.alarms() if "the door was held for 30 s" in text]
         assert held_by(made) == ROBOT
         assert made.driver.on == set()
 
@@ -459,8 +459,8 @@ def test_the_limits_of_hold_and_session_go_on_where_they_were() -> None:
         (ended,) = only(await heard(made.heard), SessionEnded)
         assert ended.reason is EndReason.MAX_SESSION
 
-    restarted(before, spent, off_s=8, left_on=frozenset({HOLD}), max_session_hold_s=60.0)
-    restarted(before, over, off_s=8, left_on=frozenset({HOLD}), max_session_s=60.0)
+    restarted(before, spent, off_s=8, left_on=frozenset({HOLD}), max_session_hold_s=30.0)
+    restarted(before, over, off_s=8, left_on=frozenset({HOLD}), max_session_s=30.0)
 
 
 def test_an_orderly_end_lets_go_of_everything_and_the_session_goes_on_after_it() -> None:
@@ -490,12 +490,12 @@ def test_an_orderly_end_lets_go_of_everything_and_the_session_goes_on_after_it()
     restarted(before, after)
 
 
-@pytest.mark.parametrize(("lease_s", "most"), [(300.0, 9), (8.0, 33)])
+@pytest.mark.parametrize(("lease_s", "most"), [(300.0, 6), (8.0, 18)])
 def test_a_lease_that_is_merely_renewed_is_written_down_every_few_seconds(lease_s: float, most: int) -> None:
     memory = CountingRecorder()
 
     async def check(made: Bench) -> None:
-        for _ in range(120):
+        for _ in range(60):
             made.accept("L2")
             await elapse(0.5)
         session = saved(memory).session

@@ -74,11 +74,11 @@ def test_the_lease_does_not_suffer_from_the_rest() -> None:
         await door_held(made)
         made.accept("L2", hold=False)
         made.accept("L2")
-        await elapse(59)
+        await elapse(39)
         assert made.state.holder == WORKSHOP
         await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
 
-    on_spine(check, between_sessions_s=60, lease_s=30)
+    on_spine(check, between_sessions_s=40, lease_s=30)
 
 
 def test_the_first_session_and_one_after_a_session_that_pressed_nothing_need_no_rest() -> None:
@@ -161,23 +161,23 @@ def test_outside_its_hours_a_lift_takes_no_new_robot_and_says_when_it_does() -> 
             "lift takes robots Mon-Fri 20:00-06:00, and here it is Mon 19:59; robots may begin again Mon 20:00"
         )
         made.accept("L1", hold=False)
-        await elapse(60)
+        await elapse(10)
         assert made.device.writes == []
         made.accept("L2")
 
-    on_spine(check, robot_hours=NIGHTS, clock=WallClock(MONDAY.replace(hour=19, minute=59, second=10)))
+    on_spine(check, robot_hours=NIGHTS, clock=WallClock(MONDAY.replace(hour=19, minute=59, second=50)))
 
 
 def test_a_robot_under_way_when_its_hours_end_finishes_its_ride() -> None:
     async def check(made: Spine) -> None:
         await door_held(made)
-        await elapse(60)
+        await elapse(10)
         made.accept("L3")
         await made.until(lambda state: state.robot_door is RobotDoor.OPEN and state.floor == "L3")
         made.accept("L3", hold=False)
         assert made.refuse("L1").code is Refusal.OUTSIDE_HOURS
 
-    on_spine(check, robot_hours=NIGHTS, clock=WallClock(MONDAY.replace(day=3, hour=5, minute=59, second=30)))
+    on_spine(check, robot_hours=NIGHTS, clock=WallClock(MONDAY.replace(day=3, hour=5, minute=59, second=50)))
 
 
 def test_a_robot_that_may_be_inside_gets_out_at_any_hour_also_after_a_restart() -> None:
