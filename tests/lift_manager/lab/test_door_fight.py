@@ -23,7 +23,7 @@ from tests.campaigns.playing import LIFT, loaded_site
 
 HOLD = "hold_door.front"
 ROBOT = Holder("workshop", "workshop")
-FIGHTS_S = 30.0
+FIGHTS_S = 24.0
 ALARM_WITHIN_S = 6.0
 SEEN_WITHIN_S = 1.0
 """From one look at a held output to the next on a quick link, and a poll."""
@@ -100,7 +100,7 @@ def test_a_door_fight_is_an_alarm_ends_after_four_drops_and_never_says_open_for_
         async with world.running():
             await elapse(4)
             asking = asyncio.ensure_future(asks(world, world.lifts[LIFT].floors[1]))
-            await elapse(20 + phase_s)
+            await elapse(8 + phase_s)
             assert seen.opens
             seen.dropped_at.clear()
             seen.alarms.clear()

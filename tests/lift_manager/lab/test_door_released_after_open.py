@@ -21,11 +21,12 @@ from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Guidance, RideLimits, RideRequest
 from lift_manager.runtime.bus import Occurrence, StateChanged
 from register_maps.load import load
+from simulator.state import Parameters
 from tests.lift_manager.lab.test_world import Recorder, is_open_at, until
 from tests.support.refusals import reply
 
 CLEAR_S, RMF_CLEAR_S = 10.0, 30.0
-LIMIT_S = 120.0
+LIMIT_S = 40.0
 HOLD = "hold_door.front"
 OF_ALL = {"lease_s": 900.0, "max_session_hold_s": 900.0, "max_session_s": 3600.0}
 
@@ -92,7 +93,7 @@ def site(**lift: object) -> LoadedSite:
 
 def in_world(check: Callable[[Watched], Awaitable[None]], **lift: object) -> None:
     async def main() -> None:
-        world = World(site(**lift), ())
+        world = World(site(**lift), (), settings={"lift": Parameters(speed=4.0)}, observe_every_s=5.0)
         watched = Watched(world)
         async with world.running():
             with world.site.tap(watched.hear):
@@ -175,7 +176,7 @@ def test_a_door_is_released_only_after_it_has_invited_nobody_for_long_enough(fac
 
 def test_a_ride_that_is_given_up_with_its_door_open_does_not_release_it_at_once() -> None:
     async def check(watched: Watched) -> None:
-        limits = RideLimits(boarding_s=20, alighting_s=20)
+        limits = RideLimits(boarding_s=12, alighting_s=12)
         caller = Holder("ride", "amr-7")
         request = RideRequest(
             lifts=("lift",), any_lift=False, start="L2", destination="L3", caller=caller, limits=limits

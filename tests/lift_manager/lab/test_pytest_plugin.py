@@ -25,6 +25,7 @@ from register_maps.words import Door, Mode, Side
 from simulator.faults import InMode, Overload, StuckDoor, WrongFloor
 from simulator.wire_faults import Access, DropRequest, LateAnswer, Target
 from tests.support.pages import blocks
+from tests.support.rows import each_row
 
 pytest_plugins = "pytester"
 pytestmark = pytest.mark.timeout(
@@ -102,7 +103,7 @@ def test_a_fault_is_given_by_value_or_by_name(lift_simulator: LiftSimulator) -> 
     lift_simulator.wait_for(lambda truth: truth.mode is Mode.NORMAL)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "values", "words"),
     [
         ("stuck_doors", {}, "no fault of a lift has the name 'stuck_doors'; did you mean `stuck_door`?"),
@@ -171,7 +172,7 @@ def test_a_fault_of_the_wire_has_targets_and_limits_by_name_too(modbus_faults: M
     assert modbus_faults.add("late_answer", seconds=0.1, times=2, on=only) == LateAnswer(0.1, times=2, on=only)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "values", "words"),
     [
         ("late_answers", {}, "no fault of the wire has the name 'late_answers'; did you mean `late_answer`?"),
@@ -363,35 +364,44 @@ def outcome_of(pytester: pytest.Pytester, body: str) -> tuple[dict[str, int], st
     return done.parseoutcomes(), done.stdout.str()
 
 
-@pytest.mark.parametrize(
-    ("marker", "words"),
-    [
-        ("flors={'L1': 1, 'L2': 2}", "@pytest.mark.lift has no 'flors'; did you mean `floors`?"),
-        ("controller='plc'", "@pytest.mark.lift has no 'controller'; the bench sets that itself"),
-        ("'a', 'b'", "@pytest.mark.lift takes one name and then keys, not 'a', 'b'"),
-        ("'a', name='b'", "@pytest.mark.lift names its lift twice: 'a' and 'b'"),
-        ("name=7", "the name of a lift is text, not 7"),
-        (
-            "map='generic-register'",
-            "lift: map generic-register cannot be used: generic-register: no map has this name; did",
-        ),
-        ("map=7", "lift: map must be the name of a shipped map or a path, not 7"),
-        ("map='./nowhere.yaml'", "lift: map ./nowhere.yaml cannot be used: "),
-        ("floors=['L1', 'L2']", "lift: floors must be two or more, lowest first"),
-        ("floors={'L1': 'one', 'L2': 2}", "lift: floors are names with codes, such as {\"L1\": 1}, not {'L1': 'one'}"),
-        ("map='two-stop-agv', floors={'L1': 0, 'L9': 9}", "lift: "),
-        ("speed=0", "lift: speed must be a number above 0, such as 20, not 0"),
-        ("faults='stuck'", "lift: no fault of a lift has the name 'stuck'; did you mean `stuck_door`?"),
-        ("lease_s=-1", "lifts.lift.lease_s: must be more than 0, not -1"),
-    ],
-)
-def test_a_mistake_in_a_marker_is_reported_in_one_sentence(pytester: pytest.Pytester, marker: str, words: str) -> None:
-    ended, said = outcome_of(pytester, f"@pytest.mark.lift({marker})\ndef test_it(lift_site): pass\n")
-    assert ended == {"errors": 1}
+MISTAKES = [
+    ("flors={'L1': 1, 'L2': 2}", "@pytest.mark.lift has no 'flors'; did you mean `floors`?"),
+    ("controller='plc'", "@pytest.mark.lift has no 'controller'; the bench sets that itself"),
+    ("'a', 'b'", "@pytest.mark.lift takes one name and then keys, not 'a', 'b'"),
+    ("'a', name='b'", "@pytest.mark.lift names its lift twice: 'a' and 'b'"),
+    ("name=7", "the name of a lift is text, not 7"),
+    (
+        "map='generic-register'",
+        "lift: map generic-register cannot be used: generic-register: no map has this name; did",
+    ),
+    ("map=7", "lift: map must be the name of a shipped map or a path, not 7"),
+    ("map='./nowhere.yaml'", "lift: map ./nowhere.yaml cannot be used: "),
+    ("floors=['L1', 'L2']", "lift: floors must be two or more, lowest first"),
+    ("floors={'L1': 'one', 'L2': 2}", "lift: floors are names with codes, such as {\"L1\": 1}, not {'L1': 'one'}"),
+    ("map='two-stop-agv', floors={'L1': 0, 'L9': 9}", "lift: "),
+    ("speed=0", "lift: speed must be a number above 0, such as 20, not 0"),
+    ("faults='stuck'", "lift: no fault of a lift has the name 'stuck'; did you mean `stuck_door`?"),
+    ("lease_s=-1", "lifts.lift.lease_s: must be more than 0, not -1"),
+]
+"""Markers, and what is said of them."""
+REPORT = re.compile(r"^_+ ERROR at setup of test_(\d+) _+$", re.MULTILINE)
+
+
+def test_a_mistake_in_a_marker_is_reported_in_one_sentence(pytester: pytest.Pytester) -> None:
+    tests = [
+        f"@pytest.mark.lift({marker})\ndef test_{number}(lift_site): pass\n"
+        for number, (marker, _) in enumerate(MISTAKES)
+    ]
+    ended, said = outcome_of(pytester, "\n".join(tests))
+    assert ended == {"errors": len(MISTAKES)}
     # under CI pytest repeats the whole message in its summary
-    assert said.partition("short test summary info")[0].count(f"\n{words}") == 1
-    assert "Traceback" not in said
-    assert "exception" not in said
+    _, *reports = REPORT.split(said.partition("short test summary info")[0])
+    told = {int(number): report for number, report in zip(reports[::2], reports[1::2], strict=True)}
+    assert told.keys() == set(range(len(MISTAKES)))
+    for number, (marker, words) in enumerate(MISTAKES):
+        assert told[number].count(f"\n{words}") == 1, marker
+        assert "Traceback" not in told[number], marker
+        assert "exception" not in told[number], marker
 
 
 def test_the_lift_of_a_test_is_refused_where_there_are_two(pytester: pytest.Pytester) -> None:

@@ -189,7 +189,7 @@ def test_two_lifts_behind_one_unit_cannot_be_simulated_and_the_message_says_whic
 def test_people_use_the_lift_when_they_are_let_in() -> None:
     async def check(world: World) -> None:
         world.populate("lift", People(seed=3, floors=3))
-        await elapse(300)
+        await elapse(100)
 
     seen = in_world(check)
     assert len({truth.open_at for _, truth in seen.truths} - {None}) > 1
@@ -200,7 +200,7 @@ def test_the_same_seed_tells_the_same_story() -> None:
         world.populate("lift", People(seed=5, floors=3))
         world.begin_wire_fault("plc", HalfOpen(probability=0.02, times=1))
         world.request(FloorRequest("lift", ROBOT, "L2", hold_door=True))
-        await elapse(60)
+        await elapse(30)
 
     def story(seen: Recorder) -> list[object]:
         return [seen.truths, [(at, replace(state, not_visible={})) for at, state in seen.states], seen.presses]
