@@ -42,14 +42,14 @@ class Draft:
         for name, value in fields.items():
             known = getattr(record, name)
             if known is not value and known != value:
-                self.record = replace(record, **fields)
+                self.record = record.having(**fields)
                 return
 
     def change_durable(self, **fields: Any) -> None:
         """Go on with a record that remembers something else over a restart."""
         durable: DurableRecord = replace(self.record.durable, **fields)
         if durable != self.record.durable:
-            self.record = replace(self.record, durable=durable)
+            self.record = self.record.having(durable=durable)
 
     def emit(self, event: Event) -> None:
         """Make something known, once this step is done."""

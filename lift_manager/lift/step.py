@@ -119,7 +119,7 @@ def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, momen
     status = outputs.get(ROBOT_MODE.name, OutputState.AT_REST)
     if mode.is_requested and not mode.was_pressed and status in (OutputState.ON, OutputState.HELD):
         mode = replace(mode, was_pressed=True)
-    return _note_door_held(config, replace(record, outputs=outputs, robot_mode=mode), moment)
+    return _note_door_held(config, record.having(outputs=outputs, robot_mode=mode), moment)
 
 
 def _take(draft: Draft, happened: Input) -> Reply | None:
@@ -203,9 +203,9 @@ def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
     restart.save(draft)
     config, record = draft.config, _note_door_held(draft.config, draft.record, draft.moment)
     if record.queue.requested_at:
-        record = replace(record, queue=queue.lapse(record.queue, draft.now))
+        record = record.having(queue=queue.lapse(record.queue, draft.now))
     if record.durable is not before.durable or draft.actions or draft.events:
-        record = replace(record, sequence=record.sequence + 1)
+        record = record.having(sequence=record.sequence + 1)
     wake_at = next_change(config, record, draft.moment)
     return Step(record, tuple(draft.actions), reply, tuple(draft.events), wake_at)
 
@@ -279,7 +279,7 @@ def _note_door_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> L
     is_held = doors.door_is_held(config, record)
     if is_held is (record.door_held_since is not None):
         return record
-    return replace(record, door_held_since=moment.now if is_held else None)
+    return record.having(door_held_since=moment.now if is_held else None)
 
 
 def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
