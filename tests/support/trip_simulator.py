@@ -28,9 +28,11 @@ class SimulatedPlant:
     face: RegisterFace = field(init=False)
     shown: list[ShownState] = field(default_factory=list)
     """What the lift really did, at each exchange."""
+    speed: float = 1.0
+    """Seconds of its machine in a second."""
 
     def __post_init__(self) -> None:
-        self.face = simulated_lift(self.site.codec, self.site.floors)
+        self.face = simulated_lift(self.site.codec, self.site.floors, speed=self.speed)
         self._mirror = Mirror(self.site)
         self._asked: frozenset[str] = frozenset()
         self._devices = {"": SimulatedDevice(self.face)} | {

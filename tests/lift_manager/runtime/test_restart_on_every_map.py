@@ -26,7 +26,7 @@ def stays(site: Site) -> set[str]:
 def lost_by_a_restart(name: str, *, door_open_s: float | None, silent_s: float) -> list[str]:
     """Kill the manager under way, or so long after the door stood open; list what was on then and was let go of after it."""
     site = site_of(name)
-    plant, memory, pickup = SimulatedPlant(site), MemoryRecorder(), tuple(site.floors)[1]
+    plant, memory, pickup = SimulatedPlant(site, speed=3.0), MemoryRecorder(), tuple(site.floors)[1]
 
     async def main() -> list[str]:
         async with trip(site, plant, recorder=memory, door_proven=True) as before:

@@ -47,7 +47,7 @@ def test_a_ride_goes_through_every_step_on_a_map_of_every_kind(name: str) -> Non
     start, destination = stops(site)
 
     async def main() -> None:
-        async with rig(MortalPlant(site)) as made:
+        async with rig(MortalPlant(site, speed=3.0)) as made:
             ride = made.begin(start, destination)
             robot = Robot(ride.id)
             over = await robot.ride_out(made)
