@@ -75,14 +75,23 @@ class Victim:
     """One lift, and the manager that is killed again and again."""
 
     def __init__(
-        self, plan: LiftPlan, simulator: LiftSimulator, folder: Path, random: Random, tally: Tally, *, lives_s: float
+        self,
+        plan: LiftPlan,
+        simulator: LiftSimulator,
+        folder: Path,
+        random: Random,
+        tally: Tally,
+        *,
+        lives_s: float,
+        forked: bool,
     ) -> None:
-        """`lives_s` is how long a life may last beyond its start and the quiet after it."""
+        """`lives_s` is how long a life may last beyond its start and the quiet after it; `forked` leaves the imports out of a start."""
         self._plan = plan
         self._lift = simulator
         self._random = random
         self._tally = tally
         self._lives_s = lives_s
+        self._forked = forked
         self._state = folder / "state"
         self._folder = folder
         self._site = folder / "site.yaml"
@@ -135,7 +144,8 @@ class Victim:
     def _process(self) -> Iterator[Program]:
         folder = self._folder / f"life-{self._lives}"
         folder.mkdir()
-        program = Program((*LIFT_MANAGER, "serve", str(self._site), "--port", "0"), folder, None)
+        words = ("serve", str(self._site), "--port", "0")
+        program = Program(words if self._forked else (*LIFT_MANAGER, *words), folder, None, forked=self._forked)
         try:
             yield program
         except AssertionError as error:
@@ -259,7 +269,9 @@ class Victim:
         self._judge_journal()
 
 
-def campaign(kills: int, seed: int, maps: tuple[str, ...] = MAPS, *, lives_s: float = 3.0) -> Tally:
+def campaign(
+    kills: int, seed: int, maps: tuple[str, ...] = MAPS, *, lives_s: float = 3.0, forked: bool = False
+) -> Tally:
     """Kill a manager so many times, spread over the maps."""
     tally, random = Tally(), Random(seed)
     for number, name in enumerate(maps):
@@ -271,7 +283,8 @@ def campaign(kills: int, seed: int, maps: tuple[str, ...] = MAPS, *, lives_s: fl
             folder = Path(stack.enter_context(TemporaryDirectory()))
             bench = stack.enter_context(Bench((wish,), near=Path.cwd(), folder=folder))
             (plan,) = plan_lifts((wish,), Path.cwd())
-            victim = Victim(plan, bench.simulator(), folder, Random(random.getrandbits(64)), tally, lives_s=lives_s)
+            dice = Random(random.getrandbits(64))
+            victim = Victim(plan, bench.simulator(), folder, dice, tally, lives_s=lives_s, forked=forked)
             try:
                 for _ in range(share):
                     victim.live_and_die()

@@ -180,28 +180,29 @@ def test_every_mutation_can_be_drawn_and_most_are_wrong() -> None:
     assert 0.1 < right / 4000 < 0.4
 
 
-def test_five_thousand_mutated_answers_find_nothing_in_the_link() -> None:
-    report = fuzz_answers.run_batch("memory", 1, 0, 5000)
-    assert not fuzz_answers.verdict("memory", report, 5000), report.findings[:3]
-    assert report.owed > 1000
+def test_mutated_answers_find_nothing_in_the_link() -> None:
+    report = fuzz_answers.run_batch("memory", 1, 0, 2000)
+    assert not fuzz_answers.verdict("memory", report, 2000), report.findings[:3]
+    assert report.owed > 400
 
 
 def test_mutated_answers_to_whole_lifts_make_no_false_reading() -> None:
-    report = fuzz_answers.run_batch("lifts", 1, 0, 2000)
-    assert not fuzz_answers.verdict("lifts", report, 2000), report.findings[:3]
+    report = fuzz_answers.run_batch("lifts", 1, 0, 1000)
+    assert not fuzz_answers.verdict("lifts", report, 1000), report.findings[:3]
 
 
 @pytest.mark.parametrize("batch", [0, 1])
 def test_mutated_answers_over_sockets_find_nothing(batch: int) -> None:
     """On asyncio's own loop, and on uvloop."""
-    report = fuzz_answers.run_batch("sockets", 1, batch, 300)
-    assert not fuzz_answers.verdict("sockets", report, 300), report.findings[:3]
+    report = fuzz_answers.run_batch("sockets", 1, batch, 150)
+    assert not fuzz_answers.verdict("sockets", report, 150), report.findings[:3]
 
 
 @pytest.mark.parametrize("run", [memory_batch, lift_batch])
 def test_a_seed_gives_the_same_run_again(run: Callable[[int, int, int], Report]) -> None:
-    assert run(5, 2, 400) == run(5, 2, 400)
-    assert run(5, 2, 400) != run(6, 2, 400)
+    once = run(5, 2, 200)
+    assert run(5, 2, 200) == once
+    assert run(6, 2, 200) != once
 
 
 def test_a_finding_is_told_with_what_replays_it(capsys: pytest.CaptureFixture[str]) -> None:
@@ -213,9 +214,9 @@ def test_a_finding_is_told_with_what_replays_it(capsys: pytest.CaptureFixture[st
     assert fuzz_answers.verdict("memory", report, 400) == f"{len(report.findings)} finding(s)"
 
 
-def test_the_command_runs_every_part_in_processes_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
-    assert fuzz_answers.main(["--memory", "200", "--lifts", "200", "--sockets", "100", "--workers", "1"]) == 0
-    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["memory", "lifts", "sockets"]
+def test_the_command_runs_what_it_is_asked_for_in_processes_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fuzz_answers.main(["--memory", "0", "--lifts", "200", "--sockets", "0", "--workers", "1"]) == 0
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["lifts"]
 
 
 def test_a_run_that_tests_too_little_fails() -> None:
@@ -226,13 +227,13 @@ def test_a_run_that_tests_too_little_fails() -> None:
 
 
 def test_a_small_client_without_a_mistake_passes() -> None:
-    report = memory_batch(1, 0, 4000, careless())
-    assert not fuzz_answers.verdict("memory", report, 4000), report.findings[:3]
+    report = memory_batch(1, 0, 2000, careless())
+    assert not fuzz_answers.verdict("memory", report, 2000), report.findings[:3]
 
 
 @each_row("mistake", [*CHECKS, RAISES, REFUSES])
-def test_a_client_with_one_mistake_is_found_within_two_thousand_answers(mistake: str) -> None:
-    assert memory_batch(1, 0, 2000, careless(mistake)).findings
+def test_a_client_with_one_mistake_is_found_within_five_hundred_answers(mistake: str) -> None:
+    assert memory_batch(1, 0, 500, careless(mistake)).findings
 
 
 def test_a_client_that_never_ends_waiting_is_found() -> None:

@@ -1,17 +1,16 @@
 """Seeded minutes of every map under faults, people and robots: the second half, for the other processor."""
 
-import pytest
-
-from tests.campaigns.truth import AT_A_TIME, report, run
+from tests.campaigns.truth import report, run
 from tests.campaigns.wiring import FalseAlarms
 
-SECOND_HALF = range(101, 201, AT_A_TIME)
+SECOND_HALF = (42, 136, 166, 168, *range(101, 122))
+"""The first four find mistakes of `mutants.py` that most schedules do not: no release retry, no key switch, no robot mode under way, and
+one reading instead of two."""
 
 
-@pytest.mark.parametrize("first", SECOND_HALF)
-def test_nothing_that_must_never_happen_happens_in_the_second_half(first: int) -> None:
+def test_nothing_that_must_never_happen_happens_in_the_second_half() -> None:
     alarms = FalseAlarms()
-    tally = run(range(first, first + AT_A_TIME), alarms.watch)
+    tally = run(SECOND_HALF, alarms.watch)
     assert not tally.failed, "\n".join(report(tally, 0.0))
     assert tally.invitations > 100
     assert tally.rides > 5

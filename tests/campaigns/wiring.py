@@ -1,7 +1,11 @@
-"""Sites whose map is wrong about the wiring: what a lift with an inverted door contact, or a shifted table of calls, is played on."""
+"""Sites whose map is wrong about the wiring: a lift with an inverted door contact, or with a shifted table of calls.
+
+python -m tests.campaigns.wiring
+"""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,10 +25,11 @@ from lift_manager.lift.state import LiftState
 from lift_manager.runtime.bus import Event
 from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.schema import RegisterMap
-from simulator.faults import Fault
+from simulator.faults import Fault, WrongFloor
 from simulator.people import People, Traffic
 from simulator.wire_faults import Exchange
 from tests.campaigns.schedules import DeviceFails, Schedule
+from tests.campaigns.truth import quiet
 from tests.support.trip_sites import COMPLETIONS, Completion, site_of
 
 LIFT = "lift"
@@ -202,3 +207,67 @@ def completed(name: str) -> LoadedMap:
     """Return a shipped map, completed where a site has to."""
     added = COMPLETIONS.get(name, Completion())
     return load(name, changes=MapChanges(added.parameters, added.override))
+
+
+def inverted(name: str, *, lasts_s: float = 180.0, restart_at: float | None = None) -> list[str]:
+    """Return what is wrong where the door contact is wired the other way round: nobody may be invited, and one alarm names it."""
+    says, wired = (door_map(name, door) for door in INVERTED[name])
+    seen = play(says, wired.map, seed=1, lasts_s=lasts_s, restart_at=restart_at)
+    wrong = _named_once(seen, "door contact inverted?")
+    if seen.invitations:
+        wrong.append(f"{seen.invitations} invitations")
+    if len(seen.opened) <= 3:
+        wrong.append(f"the lift was not ridden, it opened at {seen.opened}")
+    return wrong
+
+
+def right(name: str, *, lasts_s: float = 180.0) -> list[str]:
+    """Return what is wrong on the same lift with the right map: it invites, and nothing is said of its door contact."""
+    _, wired = (door_map(name, door) for door in INVERTED[name])
+    seen = play(wired, wired.map, seed=1, lasts_s=lasts_s)
+    return [*seen.lies, *seen.contradictions, *([] if seen.invitations > 10 else ["hardly an invitation"])]
+
+
+def shifted_table(name: str) -> list[str]:
+    """Return what is wrong where the table of calls is shifted: calls that end one floor up are named after the second one."""
+    says = completed(name)
+    return _shifted(play(says, shifted(says), seed=1, lasts_s=120.0))
+
+
+def shifted_lift(name: str) -> list[str]:
+    """Return what is wrong where the lift goes one floor too far."""
+    says = completed(name)
+    return _shifted(play(says, says.map, seed=1, lasts_s=240.0, asks_for_s=60, faults=(WrongFloor(),)))
+
+
+def _shifted(seen: Seen) -> list[str]:
+    wrong = _named_once(seen, "floor codes shifted by one?")
+    return wrong if any("go_to (" in text for text in seen.contradictions) else [*wrong, "no alarm names go_to"]
+
+
+def _named_once(seen: Seen, question: str) -> list[str]:
+    named = [text for text in seen.contradictions if text.endswith(question)]
+    return seen.lies if len(named) == len(seen.contradictions) == 1 else [*seen.lies, f"alarms: {seen.alarms}"]
+
+
+Story = Callable[[str], list[str]]
+STORIES: tuple[tuple[Story, str], ...] = (
+    *((story, name) for name in INVERTED for story in (inverted, right)),
+    (shifted_table, "generic-coils"),
+    (shifted_lift, "generic-registers"),
+)
+
+
+def main() -> int:
+    failed = 0
+    for story, name in STORIES:
+        with quiet():
+            wrong = story(name)
+        failed += bool(wrong)
+        sys.stdout.write(f"{story.__name__} {name}: {'; '.join(wrong) or 'as it should be'}\n")
+    sys.stdout.write(f"{len(STORIES)} stories, {failed} failed\n")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
