@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Iterable
 
-from hypothesis import given, settings
+from hypothesis import given
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
@@ -16,6 +16,7 @@ from register_maps.schema import RegisterMap
 from register_maps.words import Side, Table
 from tests.drivers.caller import Caller
 from tests.support.any_map import any_map
+from tests.support.examples import examples
 from tests.support.virtual_time import elapse, run_virtual
 
 FLOORS = {"L1": 1, "L2": 2}
@@ -62,7 +63,7 @@ def served(source: RegisterMap) -> dict[Table, list[tuple[int, int]]]:
 
 
 @given(any_map())
-@settings(max_examples=30, deadline=None)
+@examples(12)
 def test_it_reads_what_is_served_and_writes_what_is_a_command_and_leaves_nothing_on(source: RegisterMap) -> None:
     device = MemoryDevice(unit=source.link.unit_id, served=served(source), timed_coils=True)
     commands = compile_map(source).commands

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import DriverError
@@ -25,6 +25,7 @@ from register_maps.words import Side, Table
 from tests.drivers.caller import Caller
 from tests.drivers.linked import linked, virtual
 from tests.drivers.rig import HOLD, HOLD_FRONT, SIGNALS, allowed
+from tests.support.examples import examples
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import written_map
@@ -211,7 +212,7 @@ def changed_bits(request: Request) -> int:
 
 @pytest.mark.parametrize("name", shipped())
 @given(st.data())
-@settings(max_examples=100, deadline=None)
+@examples(30)
 def test_of_any_writes_only_those_pass_that_touch_nothing_but_commands(name: str, data: st.DataObject) -> None:
     codec = compiled(name)
     unit = codec.map.unit_of("")
@@ -252,7 +253,7 @@ def everything(codec: Codec, value: int) -> dict[str, MemoryDevice]:
 
 @pytest.mark.parametrize("name", shipped())
 @given(st.data())
-@settings(max_examples=8, deadline=None)
+@examples(3)
 def test_no_lift_of_a_shipped_map_ever_asks_for_a_write_that_is_not_declared(name: str, data: st.DataObject) -> None:
     codec = compiled(name)
     floors = example_floors(codec)

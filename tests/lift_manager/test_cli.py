@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import chdir, closing
 from importlib.metadata import version
 from pathlib import Path
 
@@ -121,9 +121,10 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Answers:
     folder = tmp_path_factory.mktemp("files")
     for name, content in FILES.items():
         (folder / name).write_bytes(content)
-    checks = [call for call in CALLS if "check" in call]
-    others = [call for call in CALLS if "check" not in call]
-    runs = {call: done for some in (checks, others) for call, done in zip(some, run_each(some, folder), strict=True)}
+    checks = [words for words in CALLS if "check" in words]
+    runs = dict(zip(checks, run_each(checks, folder), strict=True))
+    with chdir(folder):
+        runs |= {words: call(*words) for words in CALLS if words not in runs}
 
     def answer(*call: str) -> subprocess.CompletedProcess[str]:
         done = runs[call]

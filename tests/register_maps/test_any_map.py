@@ -1,6 +1,6 @@
 """What holds for every map that the checks accept, whatever it says."""
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.modbus.plan import plan_reads
@@ -8,6 +8,7 @@ from register_maps.codec import UNLISTED, Block, Codec, SignalCodec, compile_map
 from register_maps.schema import RegisterMap
 from register_maps.words import BIT_TABLES, Door
 from tests.support.any_map import any_map
+from tests.support.examples import examples
 
 MOST = 256
 """Raw values that are looked at where there are too many for all of them."""
@@ -30,7 +31,7 @@ def plan(codec: Codec) -> tuple[Block, ...]:
 
 
 @given(any_map())
-@settings(max_examples=40, deadline=None)
+@examples(15)
 def test_every_value_a_signal_can_say_is_heard_as_it_was_said(source: RegisterMap) -> None:
     codec = compile_map(source)
     for signal in codec.signals.values():
@@ -48,7 +49,7 @@ def test_every_value_a_signal_can_say_is_heard_as_it_was_said(source: RegisterMa
 
 
 @given(any_map(), st.data())
-@settings(max_examples=40, deadline=None)
+@examples(15)
 def test_a_signal_that_is_written_changes_no_other(source: RegisterMap, data: st.DataObject) -> None:
     codec = compile_map(source)
     noise = st.integers(0, 65535)
@@ -66,7 +67,7 @@ def test_a_signal_that_is_written_changes_no_other(source: RegisterMap, data: st
 
 
 @given(any_map())
-@settings(max_examples=40, deadline=None)
+@examples(15)
 def test_no_read_leaves_what_is_served_or_asks_for_more_than_is_allowed(source: RegisterMap) -> None:
     codec = compile_map(source)
     blocks = plan(codec)
@@ -79,7 +80,7 @@ def test_no_read_leaves_what_is_served_or_asks_for_more_than_is_allowed(source: 
 
 
 @given(any_map())
-@settings(max_examples=40, deadline=None)
+@examples(15)
 def test_a_poll_is_decoded_as_its_registers_are(source: RegisterMap) -> None:
     codec = compile_map(source)
     image = codec.empty_image()

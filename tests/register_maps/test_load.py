@@ -10,13 +10,14 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import register_maps
 from register_maps.codec import UNLISTED, compile_map
 from register_maps.errors import MapFileError
 from register_maps.load import load, shipped
+from tests.support.examples import examples
 from tests.support.rows import each_row
 
 PACKAGE = Path(register_maps.__file__).parent
@@ -123,7 +124,7 @@ TROUBLE = (
 TOKENS = sorted({*TROUBLE, *(part for parts in PARTS for part in parts)})
 
 
-@settings(max_examples=200)
+@examples(60)
 @given(
     st.sampled_from(PARTS), st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.sampled_from(TOKENS)), max_size=3)
 )

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from register_maps.errors import MapFileError
 from register_maps.load import MAPS
 from register_maps.source import MAX_BYTES, Finding, Source, read, try_validate, validate
+from tests.support.examples import examples
 from tests.support.rows import each_row
 
 
@@ -296,7 +297,7 @@ SPOILERS = [
 ]
 
 
-@settings(max_examples=300)
+@examples(100)
 @given(st.lists(st.tuples(st.integers(0, len(LISTED)), st.integers(0, 3), st.sampled_from(SPOILERS)), max_size=3))
 def test_both_parsers_of_yaml_read_a_spoiled_file_alike(changes: list[tuple[int, int, str]]) -> None:
     text = LISTED

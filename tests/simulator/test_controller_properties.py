@@ -1,6 +1,6 @@
 """Whatever happens to it, the controller keeps its promises."""
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from register_maps.words import Door, Motion, Side
@@ -8,6 +8,7 @@ from simulator import handshake
 from simulator.controller import Inputs, Parameters, SameFloorCall
 from simulator.modes import Key
 from tests.simulator.bench import BUILDING, SCAN_S, Lift, all_closed, floors
+from tests.support.examples import examples
 
 some_floors = st.frozensets(st.integers(0, 4), max_size=3)
 some_sides = st.frozensets(st.sampled_from(Side))
@@ -45,7 +46,7 @@ any_parameters = st.builds(
     same_floor_call=st.sampled_from(SameFloorCall),
     fire_floor=st.integers(0, 4),
 )
-QUICK = settings(max_examples=15, deadline=None, derandomize=True)
+QUICK = examples(8)
 
 
 @given(parameters=any_parameters, script=scripts)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from register_maps.words import Door, Mode, Motion, Side
@@ -23,6 +23,7 @@ from simulator.faults import (
 from simulator.people import People, Traffic
 from tests.simulator.bench import Lift
 from tests.simulator.test_controller_properties import any_inputs, any_parameters
+from tests.support.examples import examples
 
 HEIGHTS = [0.0, 3.2, 6.4, 9.6, 12.8]
 TOP_M_S, CREEP_M_S, BRAKES_M_S2 = 1.0, 0.1, 0.8
@@ -46,7 +47,7 @@ failing_inputs = st.builds(
     lambda inputs, faults: replace(inputs, faults=faults), any_inputs, st.frozensets(any_fault, max_size=4)
 )
 scripts = st.lists(st.tuples(failing_inputs, st.floats(0.01, 8.0)), min_size=1, max_size=8)
-SOME = settings(max_examples=25, deadline=None, derandomize=True)
+SOME = examples(10)
 
 
 def check(before: ShownState, after: ShownState, parameters: Parameters) -> None:
@@ -133,7 +134,7 @@ def test_a_lift_gets_over_everything_once_it_is_over(script: list[tuple[Inputs, 
 
 
 @given(script=scripts, seed=st.integers(0, 1000))
-@settings(max_examples=10, deadline=None, derandomize=True)
+@examples(4)
 def test_people_do_not_change_what_the_interlocks_promise(script: list[tuple[Inputs, float]], seed: int) -> None:
     lift, people = Lift(), People(seed, 5, Traffic(per_minute=30.0))
     before, now, inputs = lift.see(), 0.0, Inputs()

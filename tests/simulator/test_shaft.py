@@ -5,12 +5,13 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from register_maps.words import Door, Motion, Side
 from simulator import shaft
 from simulator.shaft import Orders, Parameters, State
+from tests.support.examples import examples
 from tests.support.rows import each_row
 
 FRONT, REAR = frozenset({Side.FRONT}), frozenset({Side.REAR})
@@ -245,7 +246,7 @@ def sampled_script(floor: int, script: list[tuple[Orders, float]]) -> list[State
 
 
 @given(floor=floors, script=scripts)
-@settings(max_examples=25, deadline=None, derandomize=True)
+@examples(10)
 def test_whatever_is_ordered_the_car_never_moves_with_a_door_open(
     floor: int, script: list[tuple[Orders, float]]
 ) -> None:
@@ -256,7 +257,7 @@ def test_whatever_is_ordered_the_car_never_moves_with_a_door_open(
 
 
 @given(floor=floors, script=scripts)
-@settings(max_examples=25, deadline=None, derandomize=True)
+@examples(10)
 def test_whatever_is_ordered_a_door_is_open_only_in_the_door_zone_of_a_floor_that_has_it(
     floor: int, script: list[tuple[Orders, float]]
 ) -> None:
@@ -269,7 +270,7 @@ def test_whatever_is_ordered_a_door_is_open_only_in_the_door_zone_of_a_floor_tha
 
 
 @given(floor=floors, script=scripts)
-@settings(max_examples=25, deadline=None, derandomize=True)
+@examples(10)
 def test_whatever_is_ordered_speed_and_position_do_not_jump_and_stay_within_limits(
     floor: int, script: list[tuple[Orders, float]]
 ) -> None:
@@ -281,7 +282,7 @@ def test_whatever_is_ordered_speed_and_position_do_not_jump_and_stay_within_limi
 
 
 @given(floor=floors, script=scripts, slices=st.integers(2, 40))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@examples(20)
 def test_it_does_not_matter_how_time_is_sliced(floor: int, script: list[tuple[Orders, float]], slices: int) -> None:
     whole = sliced = shaft.at_floor(floor, BUILDING)
     for orders, duration_s in script:
@@ -296,7 +297,7 @@ def test_it_does_not_matter_how_time_is_sliced(floor: int, script: list[tuple[Or
 
 
 @given(floor=floors, script=scripts, goal=floors)
-@settings(max_examples=25, deadline=None, derandomize=True)
+@examples(10)
 def test_from_any_state_the_car_can_be_brought_level_to_any_floor(
     floor: int, script: list[tuple[Orders, float]], goal: int
 ) -> None:

@@ -5,24 +5,21 @@ import sys
 from pathlib import Path
 from random import Random
 
-import pytest
-
 from tests.lift_manager.store.journal_disk import numbers, stored
 from tests.support.programs import ROOT
 
 PRESSES = 1_000
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_every_press_that_was_answered_is_there_after_kill_9(tmp_path: Path, seed: int) -> None:
-    path, random, answered, written = tmp_path / "site.db", Random(seed), list[int](), [-1]
-    for _ in range(3):  # killed, started on what is left, killed again
+def test_every_press_that_was_answered_is_there_after_kill_9(tmp_path: Path) -> None:
+    path, random, answered, written = tmp_path / "site.db", Random(0), list[int](), [-1]
+    for _ in range(4):  # killed, started on what is left, killed again
         answered += killed_after(path, written[-1] + 1, random.randrange(1, 150), random.uniform(0, 0.004))
         written = numbers(path)
         assert written == sorted(set(written))
         assert set(answered) <= set(written)
         # what was not answered may be there: at most the press that was under way
-        assert len(written) - len(answered) <= 3
+        assert len(written) - len(answered) <= 4
         stored(path)
 
 

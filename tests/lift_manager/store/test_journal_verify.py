@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lift_manager.lift import journal as domain
@@ -23,6 +23,8 @@ from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import PendingRow
 from lift_manager.store.verify import Chain, Seal, read_seal, verify
+from tests.support.examples import examples
+from tests.support.rows import each_row
 
 SITE = "Main hospital"
 T0 = 1_795_200_000_000_000
@@ -162,7 +164,7 @@ VALUES: dict[str, st.SearchStrategy[object]] = {
 }
 
 
-@settings(max_examples=150, deadline=None)
+@examples(50)
 @given(st.data())
 @pytest.mark.parametrize("which", JOURNALS)
 def test_any_column_of_any_row_that_is_changed_is_found_with_the_number_of_its_row(
@@ -175,7 +177,7 @@ def test_any_column_of_any_row_that_is_changed_is_found_with_the_number_of_its_r
     assert found(changed(rows, row[0], column, value), head=rows[-1]).seq == row[0]
 
 
-@settings(max_examples=60, deadline=None)
+@examples(20)
 @given(st.data())
 @pytest.mark.parametrize("which", JOURNALS)
 def test_any_row_that_is_given_another_number_is_found(which: str, data: st.DataObject) -> None:
@@ -197,8 +199,8 @@ def test_a_row_that_is_deleted_from_the_middle_is_found(which: str) -> None:
     assert str(several).startswith(f"row {rows[2][0]} and all up to row {rows[4][0]} are missing")
 
 
-@pytest.mark.parametrize("which", JOURNALS)
-@pytest.mark.parametrize("with_hash", [True, False])
+@each_row("which", JOURNALS)
+@each_row("with_hash", [True, False])
 def test_two_rows_that_are_swapped_are_found(which: str, with_hash: bool) -> None:
     rows = JOURNALS[which]
     width = 8 if with_hash else 7
@@ -325,7 +327,7 @@ def test_only_a_row_that_was_noted_shows_that_everything_was_written_anew() -> N
     assert "was rewritten" in str(found(chained, noted))
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         "",

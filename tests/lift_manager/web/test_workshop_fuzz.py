@@ -3,13 +3,14 @@ import math
 from functools import cache
 
 from fastapi import FastAPI
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import REQUEST, STATE, FakeSite, Requested, ask_app
+from tests.support.examples import examples
 
-BOUNDED = settings(max_examples=150, derandomize=True, deadline=None, database=None)
+BOUNDED = examples(40)
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.sampled_from(["L1", "L2", 0, 1, 2])
 values = st.recursive(
