@@ -5,12 +5,12 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-import pytest
 from typer.main import get_command
 
 from lift_manager.cli.main import COMMANDS, app
 from tests.support.pages import anchors, commands, inline_code, links, pages
 from tests.support.programs import ROOT
+from tests.support.rows import each_row
 
 DOCS = [page for page in pages() if page.is_relative_to(ROOT / "docs")]
 FOR_USERS = [*DOCS, ROOT / "README.md", *(ROOT / "register_maps").glob("*.md"), ROOT / "deploy" / "README.md"]
@@ -80,7 +80,7 @@ def command_lines(page: Path) -> list[str]:
     return [re.split(r" +#| [|>]", line)[0] for line in ours if line.startswith("lift-manager ")]
 
 
-@pytest.mark.parametrize("page", [page for page in FOR_USERS if command_lines(page)], ids=named)
+@each_row("page", [page for page in FOR_USERS if command_lines(page)])
 def test_every_command_line_of_a_page_is_accepted_by_the_program(page: Path) -> None:
     for line in command_lines(page):
         assert parsed(shlex.split(line)[1:]), line

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 
-import pytest
-
 from drivers.modbus.memory import MemoryDevice, exception
 from drivers.modbus.steps import Step, StepKind
 from drivers.model import Command
@@ -24,6 +22,7 @@ from tests.drivers.test_what_was_on_before_is_adopted import (
     switched_off_and_on,
     values_of,
 )
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse
 
 BY_EFFECT = SINGLE.replace("[readback]", "[effect]")
@@ -63,7 +62,7 @@ def written_since(device: MemoryDevice, since: float, table: Table, address: int
     return [bool(value & bit) for value in values_of([h for h in device.received if h.at_s >= since], table, address)]
 
 
-@pytest.mark.parametrize("which", OF_MAP)
+@each_row("which", OF_MAP)
 def test_a_kept_hold_that_falls_while_the_lift_cannot_be_read_is_not_pressed_until_somebody_asks(which: str) -> None:
     text, table, address, rest, bit = OF_MAP[which]
     device = resting()
@@ -86,7 +85,7 @@ def test_a_kept_hold_that_falls_while_the_lift_cannot_be_read_is_not_pressed_unt
     on_rig(check, text, {"": device})
 
 
-@pytest.mark.parametrize("which", OF_MAP)
+@each_row("which", OF_MAP)
 def test_a_kept_hold_that_is_found_on_stays_on_without_a_break_and_falls_by_its_limit(which: str) -> None:
     text, table, address, rest, bit = OF_MAP[which]
     device = resting()
@@ -211,8 +210,8 @@ def test_what_was_let_go_or_is_no_command_of_the_map_is_not_kept() -> None:
     on_rig(check, SINGLE, {"": resting()})
 
 
-@pytest.mark.parametrize("asked", [Caller.hold, Caller.press])
-@pytest.mark.parametrize("is_on", [True, False])
+@each_row("asked", [Caller.hold, Caller.press])
+@each_row("is_on", [True, False])
 def test_what_was_kept_is_a_hold_like_any_other_once_it_is_asked_for(
     asked: Callable[[Caller, Command, Permit], object], *, is_on: bool
 ) -> None:

@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-import pytest
-
 from drivers.modbus.confirm import Expectation, find_proof
 from drivers.modbus.standstill import STILL_S, StandstillEvidence
 from drivers.model import Command, CommandKind, LiftValues, Proof
 from register_maps.schema import Evidence
 from register_maps.words import Door, Motion, Side
+from tests.support.rows import each_row
 
 FLOORS = ("L1", "L2", "L3")
 SHUT = {Side.FRONT: Door.CLOSED}
@@ -20,7 +19,7 @@ def effect(target: str, before: LiftValues | None, now: LiftValues, *, stood: bo
     return find_proof(expected, now, read_back=False) is Proof.EFFECT
 
 
-@pytest.mark.parametrize("motion", [Motion.UP, Motion.DOWN, Motion.MOVING])
+@each_row("motion", [Motion.UP, Motion.DOWN, Motion.MOVING])
 def test_a_car_that_leaves_the_floor_it_is_called_to_has_not_come(motion: Motion) -> None:
     there = LiftValues(floor="L2", motion=motion)
     assert not effect("L2", there, there)
@@ -83,7 +82,7 @@ def test_a_motion_that_never_tells_its_direction_is_all_that_can_be_seen() -> No
     assert not effect("L1", LiftValues(floor="L2", motion=Motion.MOVING), LiftValues(motion=Motion.MOVING))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("values", "stands"),
     [
         (LiftValues(floor="L2", motion=Motion.STOPPED, doors=SHUT), True),

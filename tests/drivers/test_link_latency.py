@@ -12,6 +12,7 @@ from drivers.modbus.memory import Fault, MemoryDevice, exception, late, silence
 from register_maps import frames
 from register_maps.words import Table
 from tests.drivers.linked import linked, now, outcome, virtual
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse
 
 READ = frames.read(Table.HOLDING, 0)
@@ -31,7 +32,7 @@ def waits(settings: LinkSettings, *took_s: float) -> float:
     return latency.timeout_s
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("took_s", "timeout_s"),
     [
         ((), 0.5),
@@ -51,9 +52,7 @@ def test_the_time_out_is_that_of_rfc_6298_within_its_bounds(took_s: tuple[float,
     assert waits(LinkSettings(), *took_s) == pytest.approx(timeout_s)
 
 
-@pytest.mark.parametrize(
-    ("timeout_s", "most_s"), [(0.1, 0.4), (0.5, 2.0), (1.0, 2.0), (3.0, 3.0)], ids=lambda value: f"{value:g}"
-)
+@each_row(("timeout_s", "most_s"), [(0.1, 0.4), (0.5, 2.0), (1.0, 2.0), (3.0, 3.0)])
 def test_however_slow_answers_are_the_time_out_stays_below_four_times_what_the_map_says_and_two_seconds(
     timeout_s: float, most_s: float
 ) -> None:

@@ -29,6 +29,7 @@ from register_maps.frames import Request
 from register_maps.words import Table
 from tests.drivers.linked import linked, now, virtual
 from tests.drivers.rig import HOLD, HOLD_FRONT, SIGNALS, Rig, allowed, on_rig
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse
 
 FOREIGN = frames.answer(frames.read(Table.INPUT, 0), 7777, b"\x12\x34")
@@ -154,7 +155,7 @@ def is_release(request: Request) -> bool:
     return request.is_write and request.address == 17 and not any(request.values)
 
 
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+@each_row("case", CASES.values())
 def test_a_press_is_carried_out_once_at_the_most_and_let_go(case: Case) -> None:
     async def check(made: Rig) -> None:
         await elapse(2)
@@ -174,7 +175,7 @@ def test_a_press_is_carried_out_once_at_the_most_and_let_go(case: Case) -> None:
     on_rig(check, MAP)
 
 
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+@each_row("case", CASES.values())
 def test_a_release_is_repeated_until_it_is_confirmed(case: Case) -> None:
     async def check(made: Rig) -> None:
         for _ in range(20):

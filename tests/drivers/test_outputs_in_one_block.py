@@ -15,6 +15,7 @@ from register_maps.words import Side, Table
 from tests.drivers.caller import Caller
 from tests.drivers.linked import now
 from tests.drivers.rig import HOLD_FRONT, SIGNALS, Rig, allowed, ended, on_rig
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import written_map
 
@@ -49,8 +50,8 @@ def images(made: Rig, since: float) -> list[tuple[int, ...]]:
     return [heard.request.values for heard in made.device.received if heard.at_s >= since and heard.request.is_write]
 
 
-@pytest.mark.parametrize("away_s", [0.0, 0.5, 3.0])
-@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.15, 0.2, 0.3])
+@each_row("away_s", [0.0, 0.5, 3.0])
+@each_row("delay_s", [0.0, 0.05, 0.15, 0.2, 0.3])
 def test_a_release_that_is_due_on_a_new_connection_takes_no_wanted_hold_with_it(delay_s: float, away_s: float) -> None:
     async def check(made: Rig) -> None:
         await keep(made, 8, HOLD_FRONT, MODE)
@@ -160,7 +161,7 @@ def test_a_call_that_is_a_level_and_is_taken_back_at_once_is_not_pressed_again(f
     on_rig(check, text)
 
 
-@pytest.mark.parametrize("delay_s", [0.1, 0.3, 0.45, 0.6])
+@each_row("delay_s", [0.1, 0.3, 0.45, 0.6])
 def test_everything_is_written_to_rest_before_any_of_it_is_looked_at(delay_s: float) -> None:
     level = LEVEL.replace("device_watchdog", "latches")
     names = ("hold_door.front", "hold_door.rear", "robot_mode", "robot_in_place")

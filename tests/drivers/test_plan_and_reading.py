@@ -8,6 +8,7 @@ from drivers.modbus.plan import PlanError, plan_poll, plan_reads, polled_points
 from drivers.modbus.reading import lift_mode, lift_values
 from register_maps.codec import Block, Point
 from register_maps.words import Door, Mode, Motion, Side, Table
+from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 
 SERVED: dict[str, tuple[range, ...]] = {Table.HOLDING: (range(40), range(100, 140)), Table.DISCRETE: (range(16),)}
@@ -52,7 +53,7 @@ def test_every_point_is_read_once_and_nothing_outside_what_is_served(addresses: 
         assert any(block.start in span and block.start + block.count <= span.stop for span in SERVED[Table.HOLDING])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("signals", "mode"),
     [
         ({}, Mode.NORMAL),

@@ -16,6 +16,7 @@ from tests.drivers.by_hand import LogByHand
 from tests.drivers.caller import Caller
 from tests.drivers.linked import now
 from tests.drivers.rig import CLOSE_FRONT, HOLD_FRONT, SIGNALS, Rig, allowed, on_rig
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse
 from tests.support.written_maps import HEAD, written_map
 
@@ -71,7 +72,7 @@ def values_of(heard: Sequence[ReceivedRequest], table: Table, address: int) -> l
     return found
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "table", "address", "on"),
     [
         (SINGLE, Table.COIL, 8, 1),
@@ -80,7 +81,6 @@ def values_of(heard: Sequence[ReceivedRequest], table: Table, address: int) -> l
         (MASKED, Table.HOLDING, 9, 0xA004),
         (BLOCK, Table.COIL, 1, 1),
     ],
-    ids=["coil", "not refreshed", "shared word", "mask write", "cyclic block"],
 )
 def test_a_hold_that_is_found_on_stays_on_is_refreshed_and_falls_by_its_limit(
     text: str, table: Table, address: int, on: int
@@ -120,7 +120,7 @@ def test_a_hold_that_nobody_renews_falls_max_hold_s_after_the_first_look() -> No
     on_rig(check, SINGLE, {"": device}, first=adopting(HOLD_FRONT))
 
 
-@pytest.mark.parametrize("text", [SINGLE, NOT_REFRESHED, SHARED, MASKED, BLOCK])
+@each_row("text", [SINGLE, NOT_REFRESHED, SHARED, MASKED, BLOCK])
 def test_a_hold_that_is_found_off_is_at_rest_and_nothing_is_pressed(text: str) -> None:
     device = left_on({Table.HOLDING: {9: 0xA000}})
 
@@ -137,7 +137,7 @@ def test_a_hold_that_is_found_off_is_at_rest_and_nothing_is_pressed(text: str) -
     on_rig(check, text, {"": device}, first=adopting(HOLD_FRONT))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "found", "kept"),
     [
         (CALL, {Table.HOLDING: {40: 2}}, True),
@@ -196,7 +196,7 @@ def test_no_cycle_and_no_heartbeat_writes_over_what_may_be_on_before_the_first_l
     on_rig(check, BLOCK, {"": device}, first=adopting(HOLD_FRONT))
 
 
-@pytest.mark.parametrize("turns", range(6))
+@each_row("turns", range(6))
 def test_a_cycle_that_is_on_its_way_does_not_write_over_what_is_adopted_meanwhile(turns: int) -> None:
     device = left_on({Table.COIL: {1: 1}})
 
@@ -384,7 +384,7 @@ NOTHING_TO_ADOPT = {
 }
 
 
-@pytest.mark.parametrize("what", NOTHING_TO_ADOPT)
+@each_row("what", NOTHING_TO_ADOPT)
 def test_what_cannot_be_seen_to_be_on_is_not_adopted(what: str) -> None:
     text, command, stays = NOTHING_TO_ADOPT[what]
     signals = SIGNALS.replace("}}", f"}}, calls_registered: {{each_of: {LAMPS}}}}}") if what == "lamps" else SIGNALS
@@ -468,7 +468,7 @@ def switched_off_and_on(made: Rig) -> None:
     made.device.disconnect()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "table", "address", "on", "drops"),
     [
         (NOT_REFRESHED, Table.COIL, 8, 1, dropped),
@@ -477,7 +477,6 @@ def switched_off_and_on(made: Rig) -> None:
         (SHARED, Table.HOLDING, 9, 0xA004, switched_off_and_on),
         (BLOCK, Table.COIL, 1, 1, switched_off_and_on),
     ],
-    ids=["seen off", "not refreshed", "coil", "shared word", "cyclic block"],
 )
 def test_an_adopted_hold_that_the_controller_drops_stays_off_until_it_may_be_begun(
     text: str, table: Table, address: int, on: int, drops: Callable[[Rig], None]

@@ -17,7 +17,7 @@ from register_maps.load import MAPS, shipped
 from tests.support.programs import run_anew
 from tests.support.rows import each_row
 
-each_map = pytest.mark.parametrize("name", shipped())
+each_map = each_row("name", shipped())
 
 SITE = """\
 schema: 1

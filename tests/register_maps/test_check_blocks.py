@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.good_map import GOOD, HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
+from tests.support.rows import each_row
 
 BLOCK = '{at: "holding:20", count: 4, function: 16, every_s: 0.5, gaps: 0}'
 TIMED = "    timed_by: device\n    payload: {time: width_s, unit_s: 0.1}\n"
@@ -43,7 +44,7 @@ WORDS: list[Mistake] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "key", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in BLOCKS + WORDS],
 )

@@ -96,7 +96,7 @@ MISTAKES: list[Mistake] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "key", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in MISTAKES],
 )
@@ -137,7 +137,7 @@ TOGETHER: list[tuple[str, dict[str, str], list[str], str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "keys", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in TOGETHER],
 )
@@ -178,7 +178,7 @@ def test_what_the_site_has_to_add_counts_as_declared(tmp_path: Path) -> None:
 SAME_HOLD = "action: hold, until: arrived, max_hold_s: 60, refresh_s: 2, on_link_loss: latches,"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("front", "rear", "key", "words"),
     [
         ("action: pulse, width_s: 1,", SAME_HOLD, "action", "go_to.front has `action: pulse`"),

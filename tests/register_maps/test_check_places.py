@@ -9,6 +9,7 @@ from register_maps.check_places import find_unreadable
 from register_maps.errors import Problem
 from register_maps.schema import RegisterMap
 from tests.support.good_map import HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
+from tests.support.rows import each_row
 
 ENTER = 'may_enter: {at: "discrete:10"}'
 SENSOR = "sensor: {served: {discrete: [[0, 7]], holding: [[0, 3]]}}"
@@ -29,7 +30,7 @@ PLACES: list[Mistake] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "key", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in PLACES],
 )
@@ -72,7 +73,7 @@ MODICON_PLACES: list[Mistake] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "key", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in MODICON_PLACES],
 )

@@ -102,7 +102,7 @@ CLASHES: list[Mistake] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "key", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in FORMS + NUMBERS],
 )
@@ -121,7 +121,7 @@ def positioned(text: str) -> str:
     return plain.replace("door_limit", "motion_stopped").replace('load: {at: "input:2"', 'load: {at: "input:16"')
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "key", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in POSITIONS],
 )
@@ -143,7 +143,7 @@ def test_a_position_with_a_table_is_a_floor_signal(tmp_path: Path) -> None:
     assert "car_floor" in found.map.signals
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "key", "words"),
     [pytest.param(*case[1:], id=case[0]) for case in CLASHES],
 )

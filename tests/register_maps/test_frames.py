@@ -58,7 +58,7 @@ EXAMPLES = {
         "16 00 04 00 F2 00 25",
     ),
 }
-examples = pytest.mark.parametrize(("request_", "asked", "answered"), EXAMPLES.values(), ids=EXAMPLES.keys())
+examples = each_row(("request_", "asked", "answered"), EXAMPLES.values())
 
 
 def adu(pdu: str, *, tid: int = 0x1501, unit: int = 17) -> bytes:
@@ -334,7 +334,7 @@ def test_a_device_that_times_no_coils_refuses_a_duration() -> None:
     assert caught.value.code == 3
 
 
-@pytest.mark.parametrize("duration", [0, 0x8000, -1])
+@each_row("duration", [0, 0x8000, -1])
 def test_a_duration_that_a_module_would_take_for_something_else_is_refused(duration: int) -> None:
     with pytest.raises(BadRequest, match="duration"):
         frames.pulse_coil(0, duration)

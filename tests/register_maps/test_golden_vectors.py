@@ -208,7 +208,7 @@ def each(attribute: str) -> Sequence[object]:
     ]
 
 
-each_map = pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.title)
+each_map = each_row("golden", GOLDEN)
 
 
 def test_every_shipped_map_has_golden_vectors() -> None:

@@ -12,6 +12,7 @@ from lift_manager.client import Connected, Disconnected, EventStream, LiftManage
 from lift_manager.client.stream import StreamEvent
 from lift_manager.plain.backoff import Backoff
 from tests.lift_manager.client.manager import IDLE, OPEN, URL, Manager, no, said
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 
@@ -40,7 +41,7 @@ def test_a_stream_begins_with_how_things_are_and_goes_on_with_what_changes() -> 
     run_virtual(main)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@each_row("seed", range(20))
 def test_a_stream_that_is_cut_at_random_points_loses_and_repeats_nothing(seed: int) -> None:
     chance = Random(seed)
 
@@ -177,7 +178,7 @@ class Nonsense(httpx.AsyncByteStream):
 EVENTS = {"content-type": "text/event-stream"}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("answer", "why"),
     [
         (lambda: said(200, "<html>"), "it sends no events"),

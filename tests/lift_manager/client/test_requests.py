@@ -24,6 +24,7 @@ from lift_manager.lift.state import Quality
 from lift_manager.rides.ride import Phase, RideWord
 from register_maps.words import Mode
 from tests.lift_manager.client.manager import IDLE, LIFT, QUEUED, URL, Manager, no, said
+from tests.support.rows import each_row
 from tests.support.virtual_time import run_virtual
 
 Ask = Callable[[LiftManagerClient], Awaitable[Any]]
@@ -38,9 +39,7 @@ def ask(manager: Manager, what: Ask, key: str | None = None) -> Any:
     return run_virtual(main)
 
 
-@pytest.mark.parametrize(
-    "name", ["east wing", "a/b", "a/b/sessions", "..", ".", "Güter 1", "100%", "a?b#c", "50%2F", "\\"]
-)
+@each_row("name", ["east wing", "a/b", "a/b/sessions", "..", ".", "Güter 1", "100%", "a?b#c", "50%2F", "\\"])
 def test_a_lift_of_any_name_is_asked_for_by_that_name(name: str) -> None:
     manager = Manager({name: IDLE.model_copy(update={"name": name})})
     manager.handlers["GET", f"/api/v1/lifts/{name}"] = lambda _: said(200, manager.lifts[name].model_dump_json())
@@ -65,7 +64,7 @@ ONCE: list[Ask] = [
 ]
 
 
-@pytest.mark.parametrize("what", REPEATED)
+@each_row("what", REPEATED)
 def test_what_reads_or_lets_go_or_has_a_key_of_its_own_is_sent_again_once(what: Ask) -> None:
     manager = Manager(ride=QUEUED.model_copy(update={"phase": Phase.BOARDING}), loses=1)
     ask(manager, what)
@@ -78,7 +77,7 @@ def test_what_reads_or_lets_go_or_has_a_key_of_its_own_is_sent_again_once(what: 
     assert caught.value.may_have_arrived
 
 
-@pytest.mark.parametrize("what", ONCE)
+@each_row("what", ONCE)
 def test_nothing_else_is_ever_sent_twice(what: Ask) -> None:
     manager = Manager(ride=QUEUED, loses=1)
     with pytest.raises(Unreachable) as caught:
@@ -118,7 +117,7 @@ def test_a_manager_that_hangs_is_given_up_after_the_time_for_each_try() -> None:
     assert run_virtual(main) == pytest.approx(4.2)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("status", "code", "kind"),
     [
         (409, "held", Held),
@@ -156,8 +155,8 @@ def test_a_refusal_has_what_stands_in_the_way_as_values_and_takes_what_it_does_n
     assert (caught.value.problem.mode, caught.value.code) == (None, "mode")
 
 
-@pytest.mark.parametrize("status", [200, 302, 404, 500])
-@pytest.mark.parametrize(
+@each_row("status", [200, 302, 404, 500])
+@each_row(
     "body", ["<html>", "", "[]", '"text"', "{}", "\ud83d".encode("utf-8", "surrogatepass").decode("latin-1"), "9" * 99]
 )
 def test_an_answer_of_another_program_is_not_taken_for_one(status: int, body: str) -> None:
@@ -237,7 +236,7 @@ def test_a_manager_that_is_not_ready_says_why() -> None:
     assert (ready.ready, ready.journal, ready.live) == (False, "not written", 2)
 
 
-@pytest.mark.parametrize("url", ["lifts:5003", "ftp://lifts", "", "http://", "http://[::1"])
+@each_row("url", ["lifts:5003", "ftp://lifts", "", "http://", "http://[::1"])
 def test_what_is_no_address_is_told_as_a_manager_that_does_not_answer(url: str) -> None:
     async def main() -> None:
         async with LiftManagerClient(url) as client:

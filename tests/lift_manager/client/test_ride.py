@@ -9,6 +9,7 @@ import pytest
 from lift_manager.client import ActiveRide, LiftManagerClient, NotFound, Refused, Step, Unreachable
 from lift_manager.rides.ride import Guidance, Phase
 from tests.lift_manager.client.manager import LIFT, URL, Manager, no
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 ENTER = (Phase.BOARDING, Guidance.ENTER)
@@ -112,8 +113,8 @@ def test_a_ride_that_cannot_be_cancelled_is_told() -> None:
     run_virtual(main)
 
 
-@pytest.mark.parametrize("fails", ["up", "deaf"])
-@pytest.mark.parametrize(("stands", "kept"), [(ENTER, Guidance.WAIT), (LEAVE, Guidance.STAY)])
+@each_row("fails", ["up", "deaf"])
+@each_row(("stands", "kept"), [(ENTER, Guidance.WAIT), (LEAVE, Guidance.STAY)])
 def test_an_invitation_falls_once_the_manager_was_not_heard_for_max_age(
     fails: str, stands: tuple[Phase, Guidance], kept: Guidance
 ) -> None:
@@ -183,7 +184,7 @@ def test_an_older_question_that_is_answered_later_changes_nothing() -> None:
     run_virtual(main)
 
 
-@pytest.mark.parametrize("seed", range(30))
+@each_row("seed", range(30))
 def test_whatever_fails_an_invitation_is_only_shown_while_the_manager_said_so_within_max_age(seed: int) -> None:
     chance = Random(seed)
 

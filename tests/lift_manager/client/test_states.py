@@ -12,6 +12,7 @@ from lift_manager.lift.state import Quality
 from lift_manager.plain.client_aging import is_too_old
 from register_maps.words import Mode, Motion
 from tests.lift_manager.client.manager import IDLE, LIFT, OPEN, URL, Manager, no
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 
@@ -60,8 +61,8 @@ def test_a_lift_that_does_not_change_is_not_shown_again() -> None:
     run_virtual(main)
 
 
-@pytest.mark.parametrize("fails", ["up", "deaf"])
-@pytest.mark.parametrize("which", [None, LIFT])
+@each_row("fails", ["up", "deaf"])
+@each_row("which", [None, LIFT])
 def test_a_lift_goes_offline_by_itself_once_nothing_was_heard_for_its_max_age(fails: str, which: str | None) -> None:
     async def main() -> None:
         manager = Manager({LIFT: OPEN})
@@ -134,8 +135,8 @@ def test_a_reason_that_differs_in_its_seconds_is_the_same_and_another_reason_is_
     run_virtual(main)
 
 
-@pytest.mark.parametrize("max_age_s", [1.0, nan])
-@pytest.mark.parametrize("age", [None, nan, inf, 1.5])
+@each_row("max_age_s", [1.0, nan])
+@each_row("age", [None, nan, inf, 1.5])
 def test_what_is_no_number_is_never_fresh(age: float | None, max_age_s: float) -> None:
     assert is_too_old(age, max_age_s)
     assert is_too_old(0.5, nan)

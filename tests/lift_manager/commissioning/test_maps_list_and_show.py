@@ -3,8 +3,6 @@
 from dataclasses import asdict
 from pathlib import Path
 
-import pytest
-
 from lift_manager.commissioning import maps_list, maps_text
 from lift_manager.commissioning.maps_list import WIDTH, MapSummary, shipped_maps, summarize_map
 from lift_manager.commissioning.maps_show import MapSheet, map_sheet, side_by_side
@@ -12,7 +10,7 @@ from register_maps.codec import compile_map
 from register_maps.load import MapChanges, load, shipped
 from tests.support.rows import each_row
 
-each_map = pytest.mark.parametrize("name", shipped())
+each_map = each_row("name", shipped())
 
 FEATURES: dict[str, dict[str, object]] = {
     "generic-registers": {

@@ -7,9 +7,10 @@ from lift_manager.commissioning.maps_plan import Plan, PlannedRequest, PlanSecti
 from register_maps.load import MapChanges, load
 from tests.register_maps.golden.vectors import Golden, frames_of
 from tests.register_maps.test_golden_vectors import GOLDEN
+from tests.support.rows import each_row
 from tests.support.written_maps import written_map
 
-each_map = pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.title)
+each_map = each_row("golden", GOLDEN)
 
 GENERIC_REGISTERS = """\
 One poll: 1 request, so 1 round trip

@@ -19,6 +19,7 @@ from tests.lift_manager.config.site_files import (
     my_map,
     said,
 )
+from tests.support.rows import each_row
 
 SEER = """\
 schema: 1
@@ -87,7 +88,7 @@ def test_a_map_that_is_changed_has_another_fingerprint_and_one_that_is_not_has_i
     assert as_shipped.sha256 != moved.sha256
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("lines", "expected"),
     [
         pytest.param(

@@ -354,7 +354,7 @@ FLOORS: list[Mistake] = [
 ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("edits", "expected"),
     [pytest.param(edits, expected, id=name) for name, edits, expected in [*KEYS, *CONTROLLERS, *LIFTS, *FLOORS]],
 )
@@ -364,7 +364,7 @@ def test_a_mistake_is_named_with_its_line_its_key_and_the_way_out(
     assert_says_exactly(findings(tmp_path, GENERIC, *edits), *expected)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("edits", "expected"),
     [
         pytest.param(

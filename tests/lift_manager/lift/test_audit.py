@@ -33,6 +33,7 @@ from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.session import Advice, EndReason, Holder
 from tests.lift_manager.lift.paper import NOON, ROBOT
+from tests.support.rows import each_row
 
 HELD = Refused(Refusal.HELD, "held by r2")
 
@@ -210,7 +211,7 @@ EVENTS: list[tuple[Event, RowKind, str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("event", "kind", "caller", "text"), EVENTS)
+@each_row(("event", "kind", "caller", "text"), EVENTS)
 def test_an_event_has_a_row_with_lift_caller_and_words(event: Event, kind: RowKind, caller: str, text: str) -> None:
     row = row_of(event)
     assert row is not None

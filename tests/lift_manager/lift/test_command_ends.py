@@ -21,6 +21,7 @@ from lift_manager.lift.commands import (
     progress_of,
     replaces,
 )
+from tests.support.rows import each_row
 
 NOW = 100.0
 ANY = Command(CommandKind.CLOSE_DOOR)
@@ -54,7 +55,7 @@ WHAT = {
     CommandType.ROBOT_LEFT: "robot_left",
     CommandType.CLOSE_DOOR: "the close button",
 }
-pressed_for = pytest.mark.parametrize(("kind", "what"), PRESSED_FOR)
+pressed_for = each_row(("kind", "what"), PRESSED_FOR)
 
 
 def judged(
@@ -84,7 +85,7 @@ def test_what_is_pressed_waits_for_the_lift(kind: CommandType, what: str) -> Non
 
 
 @pressed_for
-@pytest.mark.parametrize(("outcome", "pressed"), [(None, True), (SILENT, True), (NOT_SENT, False)])
+@each_row(("outcome", "pressed"), [(None, True), (SILENT, True), (NOT_SENT, False)])
 def test_what_is_wanted_once_more_was_pressed_unless_nothing_was_sent(
     kind: CommandType, what: str, outcome: Outcome | None, pressed: bool
 ) -> None:
@@ -93,7 +94,7 @@ def test_what_is_wanted_once_more_was_pressed_unless_nothing_was_sent(
 
 
 @pressed_for
-@pytest.mark.parametrize(("outcome", "proof"), [(LAMP, Proof.LAMP), (None, Proof.NONE), (SILENT, Proof.NONE)])
+@each_row(("outcome", "proof"), [(LAMP, Proof.LAMP), (None, Proof.NONE), (SILENT, Proof.NONE)])
 def test_what_the_lift_has_taken_is_confirmed_by_its_own_proof(
     kind: CommandType, what: str, outcome: Outcome | None, proof: Proof
 ) -> None:
@@ -102,7 +103,7 @@ def test_what_the_lift_has_taken_is_confirmed_by_its_own_proof(
 
 
 @pressed_for
-@pytest.mark.parametrize(("again_in_s", "pause"), [(0.0, ""), (2.5, "; it may be pressed again in 2.5 s")])
+@each_row(("again_in_s", "pause"), [(0.0, ""), (2.5, "; it may be pressed again in 2.5 s")])
 def test_what_failed_before_it_was_pressed_is_rejected(
     kind: CommandType, what: str, again_in_s: float, pause: str
 ) -> None:
@@ -113,7 +114,7 @@ def test_what_failed_before_it_was_pressed_is_rejected(
 
 
 @pressed_for
-@pytest.mark.parametrize(
+@each_row(
     ("outcome", "status", "reason"),
     [
         (NO, CommandState.REJECTED, "the controller said no"),
@@ -128,8 +129,8 @@ def test_what_failed_after_it_was_pressed_ends_as_its_press_did(
     assert judged(kind, pressed=True, **told) == Verdict(status, reason)
 
 
-@pytest.mark.parametrize("kind", [CommandType.GO_TO, CommandType.CLOSE_DOOR])
-@pytest.mark.parametrize(("pressed", "status"), [(False, CommandState.REJECTED), (True, CommandState.UNCONFIRMED)])
+@each_row("kind", [CommandType.GO_TO, CommandType.CLOSE_DOOR])
+@each_row(("pressed", "status"), [(False, CommandState.REJECTED), (True, CommandState.UNCONFIRMED)])
 def test_what_nobody_wants_any_more_is_over(kind: CommandType, pressed: bool, status: CommandState) -> None:
     assert judged(kind, pressed=pressed) == Verdict(status, f"{WHAT[kind]} is no longer wanted")
 
@@ -139,7 +140,7 @@ def test_a_word_that_the_lift_need_not_hear_is_confirmed_without_a_proof(kind: C
     assert judged(kind) == Verdict(CommandState.CONFIRMED, proof=Proof.NONE)
 
 
-@pytest.mark.parametrize(("outcome", "proof"), [(LAMP, Proof.LAMP), (None, Proof.EFFECT), (SILENT, Proof.EFFECT)])
+@each_row(("outcome", "proof"), [(LAMP, Proof.LAMP), (None, Proof.EFFECT), (SILENT, Proof.EFFECT)])
 def test_a_car_that_is_there_confirms_the_call(outcome: Outcome | None, proof: Proof) -> None:
     assert judged(CommandType.GO_TO, call=replace(THERE, outcome=outcome)) == Verdict(
         CommandState.CONFIRMED, proof=proof
@@ -154,8 +155,8 @@ def test_a_call_that_the_word_of_the_robot_sent_on_has_the_proof_of_that_word() 
     assert judged(CommandType.GO_TO, **seen) == Verdict(CommandState.CONFIRMED, proof=Proof.LAMP)
 
 
-@pytest.mark.parametrize("kind", [CommandType.GO_TO, CommandType.HOLD_DOOR])
-@pytest.mark.parametrize(("pressed", "status"), [(False, CommandState.REJECTED), (True, CommandState.UNCONFIRMED)])
+@each_row("kind", [CommandType.GO_TO, CommandType.HOLD_DOOR])
+@each_row(("pressed", "status"), [(False, CommandState.REJECTED), (True, CommandState.UNCONFIRMED)])
 def test_a_command_for_a_floor_is_over_when_the_session_goes_elsewhere(
     kind: CommandType, pressed: bool, status: CommandState
 ) -> None:
@@ -189,8 +190,8 @@ def test_a_hold_that_is_seen_on_is_confirmed() -> None:
     )
 
 
-@pytest.mark.parametrize("given", [False, True])
-@pytest.mark.parametrize("waits", ["", "people"])
+@each_row("given", [False, True])
+@each_row("waits", ["", "people"])
 def test_a_hold_that_is_not_seen_on_is_given_up(given: bool, waits: str) -> None:
     seen: dict[str, Any] = {"call": THERE, "door_is_given": given, "waiting_for": waits}
     first = goes_on(CommandType.HOLD_DOOR, **seen)
@@ -226,7 +227,7 @@ def test_a_door_that_is_not_seen_let_go_is_unconfirmed() -> None:
     )
 
 
-@pytest.mark.parametrize("kind", CommandType)
+@each_row("kind", CommandType)
 def test_what_is_broken_off_is_unconfirmed_only_if_it_may_have_been_sent(kind: CommandType) -> None:
     assert broken_off(PendingCommand(kind, "L1"), "why") == Verdict(CommandState.REJECTED, "why")
     assert broken_off(PendingCommand(kind, "L1", pressed=True), "why") == Verdict(CommandState.UNCONFIRMED, "why")
@@ -245,7 +246,7 @@ PLACE: list[tuple[CommandType, str, bool, set[CommandType]]] = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "floor", "hold", "displaced"), PLACE)
+@each_row(("kind", "floor", "hold", "displaced"), PLACE)
 def test_a_command_takes_the_place_of_what_it_contradicts(
     kind: CommandType, floor: str, hold: bool, displaced: set[CommandType]
 ) -> None:

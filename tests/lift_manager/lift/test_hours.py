@@ -6,6 +6,7 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from lift_manager.lift.hours import RobotHours, read_hours, superfluous, wall_clock
+from tests.support.rows import each_row
 
 BERLIN = ZoneInfo("Europe/Berlin")
 NIGHTS = RobotHours((read_hours("Mon-Fri 20:00-06:00"), read_hours("Sat-Sun 00:00-24:00")))
@@ -18,7 +19,7 @@ def at(day: int, hour: int, minute: int = 0) -> datetime:
     return datetime(2026, 3, day, hour, minute, tzinfo=BERLIN)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("local", "is_open"),
     [
         (at(MONDAY, 19, 59), False),
@@ -37,7 +38,7 @@ def test_nights_and_weekends_are_open_and_working_days_are_not(local: datetime, 
     assert NIGHTS.now_open(local) is is_open
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("local", "begins"),
     [
         (at(MONDAY, 12), "Mon 20:00"),
@@ -82,7 +83,7 @@ def test_an_hour_that_the_clock_shows_twice_is_inside_both_times() -> None:
     assert [hours.now_open(local) for local in (first, between, second)] == [True, False, True]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "wrong"),
     [
         ("Mon-Fri 20-6", "names no hours"),
@@ -103,13 +104,13 @@ def test_what_names_no_hours_is_refused_with_what_is_wrong(text: str, wrong: str
         read_hours(text)
 
 
-@pytest.mark.parametrize("text", ["Mon-Fri 20-6", "Foo 20:00-06:00", "Mon 24:00-06:00"])
+@each_row("text", ["Mon-Fri 20-6", "Foo 20:00-06:00", "Mon 24:00-06:00"])
 def test_the_refusal_shows_the_form_that_is_right(text: str) -> None:
     with pytest.raises(ValueError, match="write `Mon-Fri 20:00-06:00`"):
         read_hours(text)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("lines", "found"),
     [
         (["Mon-Fri 20:00-06:00", "Sat-Sun 00:00-24:00"], []),

@@ -19,6 +19,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.refusals import Refused
 from register_maps.words import Door, Mode
 from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, ROBOT, PaperLift, command
+from tests.support.rows import each_row
 
 Does = Callable[[PaperLift], object]
 
@@ -42,7 +43,7 @@ REFUSED: dict[str, tuple[Does, str]] = {
 }
 
 
-@pytest.mark.parametrize(("does", "code"), REFUSED.values(), ids=REFUSED)
+@each_row(("does", "code"), REFUSED.values())
 def test_no_new_session_begins(does: Does, code: str) -> None:
     lift = PaperLift()
     lift.read()
@@ -76,7 +77,7 @@ BLOCKED: dict[str, tuple[Does, str]] = {
 }
 
 
-@pytest.mark.parametrize(("does", "why"), BLOCKED.values(), ids=BLOCKED)
+@each_row(("does", "why"), BLOCKED.values())
 def test_a_press_that_has_not_left_is_asked_about_once_more(does: Does, why: str) -> None:
     lift = PaperLift()
     lift.read()

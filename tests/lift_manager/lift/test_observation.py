@@ -17,6 +17,7 @@ from lift_manager.lift.observation import (
 )
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
 from tests.lift_manager.lift.test_call import ABLE
+from tests.support.rows import each_row
 
 OPEN = LiftValues(floor="L2", motion=Motion.STOPPED, mode=Mode.ROBOT, doors={Side.FRONT: Door.OPEN})
 CLOSED = replace(OPEN, doors={Side.FRONT: Door.CLOSED})
@@ -95,7 +96,7 @@ def test_a_position_that_went_away_in_between_begins_again() -> None:
     assert not read(observation, still, 1.5, STABLE).is_standing
 
 
-@pytest.mark.parametrize("motion", [Motion.UP, Motion.DOWN, Motion.MOVING, Motion.UNKNOWN])
+@each_row("motion", [Motion.UP, Motion.DOWN, Motion.MOVING, Motion.UNKNOWN])
 def test_a_door_is_never_open_for_robots_while_the_car_may_be_moving(motion: Motion) -> None:
     moving = replace(OPEN, motion=motion, flags={"level": True})
     assert all(door(read(None, moving, 0.0, able)) is RobotDoor.MOVING for able in (ABLE, LEVEL, STABLE))
@@ -110,14 +111,14 @@ def test_nobody_is_invited_in_where_no_floor_is_known() -> None:
     assert door(read(None, replace(OPEN, floor=None), 0.0, ABLE)) is RobotDoor.MOVING
 
 
-@pytest.mark.parametrize("mode", sorted(ROBOT_FORBIDDEN_MODES))
+@each_row("mode", sorted(ROBOT_FORBIDDEN_MODES))
 def test_nobody_is_invited_in_while_the_mode_forbids_robots(mode: Mode) -> None:
     values = replace(OPEN, mode=mode)
     assert door(read(None, values, 0.0, ABLE)) is RobotDoor.MOVING
     assert barred_by(values, ABLE) == f"its mode is {mode}"
 
 
-@pytest.mark.parametrize("state", [Door.FAULT, Door.UNKNOWN, Door.OPENING, Door.CLOSING, Door.MOVING])
+@each_row("state", [Door.FAULT, Door.UNKNOWN, Door.OPENING, Door.CLOSING, Door.MOVING])
 def test_anything_but_fully_open_is_not_open(state: Door) -> None:
     assert door(read(None, replace(OPEN, doors={Side.FRONT: state}), 0.0, ABLE)) is RobotDoor.MOVING
 
@@ -143,7 +144,7 @@ def test_a_module_whose_watchdog_has_tripped_takes_no_press() -> None:
     assert tripped == "its module watchdog has tripped, so its outputs are not ours"
 
 
-@pytest.mark.parametrize("flag", ["robots_allowed", "ready", "watchdog_tripped"])
+@each_row("flag", ["robots_allowed", "ready", "watchdog_tripped"])
 def test_a_signal_of_the_map_that_cannot_be_read_takes_no_robot(flag: str) -> None:
     able = replace(ABLE, signals=ABLE.signals | {flag})
     check = "check its wiring and its entry in the map"
@@ -154,7 +155,7 @@ def test_a_signal_of_the_map_that_cannot_be_read_takes_no_robot(flag: str) -> No
     assert barred_by(OPEN, ABLE) is None
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("values", "burns"),
     [
         (OPEN, False),
@@ -170,7 +171,7 @@ def test_fire_is_believed_from_any_signal_that_tells_of_it(values: LiftValues, *
     assert is_on_fire(values) is burns
 
 
-@pytest.mark.parametrize(("watchdog_s", "allowed"), [(0.0, False), (5.0, True), (None, True)])
+@each_row(("watchdog_s", "allowed"), [(0.0, False), (5.0, True), (None, True)])
 def test_a_hold_that_relies_on_a_watchdog_needs_it_switched_on(watchdog_s: float | None, *, allowed: bool) -> None:
     values = replace(OPEN, watchdog_s=watchdog_s)
     assert (barred_by(values, replace(ABLE, watched=True)) is None) is allowed
@@ -190,7 +191,7 @@ ENTER, LEAVE = {"may_enter": True, "may_leave": False}, {"may_enter": False, "ma
 NEITHER = {"may_enter": False, "may_leave": False}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("aboard", "flags", "word"),
     [
         (False, ENTER, RobotDoor.OPEN),
@@ -210,7 +211,7 @@ def test_an_open_door_needs_the_permission_for_where_the_robot_is(
     assert door_by_signals(observation, (Side.FRONT,), permissions_needed(PERMITTED, aboard=aboard)) is word
 
 
-@pytest.mark.parametrize("aboard", [True, False, None])
+@each_row("aboard", [True, False, None])
 def test_a_map_without_permissions_needs_none(aboard: bool | None) -> None:
     assert permissions_needed(ABLE, aboard=aboard) == frozenset()
 

@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-import pytest
-
 from drivers.model import Capabilities
 from lift_manager.lift import occupancy
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.occupancy import BoardingProgress, Occupancy, RobotWord, Stop
 from tests.lift_manager.lift.paper import HANDSHAKE, PLAIN, PaperLift
+from tests.support.rows import each_row
 
 IN_PLACE, LEFT = RobotWord.IN_PLACE, RobotWord.LEFT
 
@@ -29,7 +28,7 @@ SENT_ON = BoardingProgress(sent_on=True)
 # -- what readings tell
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("before", "after"),
     [
         (OUTSIDE, replace(MAY_BOARD, open_since=20.0)),
@@ -46,14 +45,14 @@ def test_a_robot_outside_may_board_once_the_car_has_stood_open_for_it(
     assert occupancy.stands_open_to_enter(before, 20.0) == after
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("before", "after"), [(ABOARD, replace(ABOARD, may_leave_at="L3")), (MAY_BOARD, MAY_BOARD), (OUTSIDE, OUTSIDE)]
 )
 def test_only_a_robot_aboard_can_leave(before: BoardingProgress, after: BoardingProgress) -> None:
     assert occupancy.stands_open_to_leave(before, "L3") == after
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("floor", "under_way", "stays"),
     [(None, False, True), ("L3", False, True), ("L2", False, False), ("L3", True, False), (None, True, False)],
 )
@@ -67,7 +66,7 @@ def test_where_the_door_stood_open_counts_until_the_car_is_seen_elsewhere_or_und
 # -- what requests tell
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("before", "floor", "word", "stop", "site", "after"),
     [
         (OUTSIDE, "L3", None, UNDER_WAY, SPOKEN, OUTSIDE),
@@ -86,23 +85,6 @@ def test_where_the_door_stood_open_counts_until_the_car_is_seen_elsewhere_or_und
         (OUTSIDE, "L1", LEFT, OPEN, SPOKEN, OUTSIDE),
         (replace(ABOARD, may_leave_at="L1"), "L1", LEFT, OPEN, SPOKEN, EXITED),
     ],
-    ids=[
-        "another floor while the empty car is under way leaves it empty",
-        "a repeat of the same floor settles nothing",
-        "the robot's word settles it at once, with another floor",
-        "and with the same",
-        "a robot inside is believed although the door has shut behind it",
-        "a robot that is in place when it asks for the lift is aboard",
-        "a doubt goes along into a session of its own",
-        "another floor long enough after the door opened means boarded",
-        "a lift that need not know goes wherever it is sent",
-        "a robot aboard stays aboard when the floor changes",
-        "a robot that drove out again leaves the car empty",
-        "and is outside for the next floor",
-        "also where nobody needs to know",
-        "one that was outside is outside",
-        "a robot leaves where the door stood open for it",
-    ],
 )
 def test_a_request_settles_where_the_robot_is(
     before: BoardingProgress,
@@ -115,7 +97,7 @@ def test_a_request_settles_where_the_robot_is(
     assert occupancy.boarding_by_request(before, floor, word, stop, site, 15.0) == after
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("before", "word", "stop", "site", "now", "texts"),
     [
         (OUTSIDE, IN_PLACE, UNDER_WAY, SPOKEN, 15.0, ("has not arrived at L1",)),
@@ -134,7 +116,7 @@ def test_a_request_that_cannot_be_believed_says_why(
     assert all(text in why for text in texts)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("boarding", "floor", "word", "target", "site", "exited"),
     [
         (replace(ABOARD, may_leave_at="L3"), "L3", None, "L3", INFERRED, True),
@@ -155,12 +137,12 @@ def test_a_release_means_exited_with_the_word_where_the_door_stood_open_or_at_th
 # -- who counts as aboard
 
 
-@pytest.mark.parametrize("state", Occupancy)
+@each_row("state", Occupancy)
 def test_on_a_lift_that_has_to_know_a_robot_is_aboard_only_once_that_is_known(state: Occupancy) -> None:
     assert occupancy.is_aboard(BoardingProgress(state), HANDSHAKE) is (state is Occupancy.ABOARD)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("state", "aboard"),
     [
         (Occupancy.OUTSIDE, None),
@@ -173,14 +155,14 @@ def test_on_another_lift_nobody_says_unless_the_robot_did(state: Occupancy, aboa
     assert occupancy.is_aboard(BoardingProgress(state), PLAIN) is aboard
 
 
-@pytest.mark.parametrize("command", ["call", "go", "robot_in_place", "robot_left"])
+@each_row("command", ["call", "go", "robot_in_place", "robot_left"])
 def test_each_command_of_the_handshake_makes_it_matter_who_is_aboard(command: str) -> None:
     assert occupancy.occupancy_matters(replace(PLAIN, commands=frozenset({"go_to", command})))
     assert occupancy.occupancy_matters(replace(PLAIN, needs_occupancy=True))
     assert not occupancy.occupancy_matters(PLAIN)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("boarding", "may_be_in_car", "reported"),
     [
         (OUTSIDE, False, Occupancy.OUTSIDE),
@@ -199,7 +181,7 @@ def test_a_robot_that_was_sent_on_unheard_may_be_inside(
 # -- the doubt that a session leaves
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("boarding", "released", "arrived", "otherwise"),
     [
         (OUTSIDE, False, False, False),
@@ -219,7 +201,7 @@ def test_a_doubt_remains_after(boarding: BoardingProgress, *, released: bool, ar
     assert doubts == [released, arrived, otherwise]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("boarding", "let_out", "doubt"),
     [
         (OUTSIDE, False, False),
@@ -239,10 +221,8 @@ def test_the_end_of_a_holder_without_words_leaves_a_doubt_until_the_door_stood_o
     assert leaves is doubt
 
 
-@pytest.mark.parametrize("let_out", [False, True])
-@pytest.mark.parametrize(
-    ("boarding", "word", "doubt"), [(MAY_BOARD, None, True), (MAY_BOARD, LEFT, False), (OUTSIDE, None, False)]
-)
+@each_row("let_out", [False, True])
+@each_row(("boarding", "word", "doubt"), [(MAY_BOARD, None, True), (MAY_BOARD, LEFT, False), (OUTSIDE, None, False)])
 def test_a_holder_with_words_has_to_say_that_its_robot_left(
     boarding: BoardingProgress, word: RobotWord | None, *, let_out: bool, doubt: bool
 ) -> None:

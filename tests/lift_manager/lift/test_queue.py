@@ -8,6 +8,7 @@ from lift_manager.lift.queue import LAPSES_AFTER_S, Queue
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.rmf_view import rmf_holder
 from lift_manager.lift.session import Holder
+from tests.support.rows import each_row
 
 WORKSHOP, RMF, RMF_SECOND = Holder("workshop", "workshop"), Holder("rmf", "fleet/robot1"), Holder("rmf", "fleet/robot2")
 ROBOT, SECOND = Holder("api", "amr-7"), Holder("api", "amr-8")
@@ -47,7 +48,7 @@ def test_a_face_that_asks_again_is_one_place_and_lapses_when_it_asks_no_more() -
     assert queue.waiting(made, queue.next_lapse(made)) == (RIDE,)
 
 
-@pytest.mark.parametrize("code", sorted(set(Refusal) - {Refusal.HELD, Refusal.QUEUED}))
+@each_row("code", sorted(set(Refusal) - {Refusal.HELD, Refusal.QUEUED}))
 def test_a_caller_that_is_refused_for_another_reason_does_not_wait(code: Refusal) -> None:
     assert queue.join_if_refused(Queue(), RMF, Refused(code, "no"), 0.0) == Queue()
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta, tzinfo
 from zoneinfo import ZoneInfo
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +22,7 @@ from lift_manager.lift.session import Advice, EndReason, Holder, Session, advise
 from lift_manager.lift.step import start
 from register_maps.words import Door, Side
 from tests.lift_manager.lift.paper import PaperLift
+from tests.support.rows import each_row
 
 AT = datetime(2026, 3, 2, 12, tzinfo=UTC)
 ONE, OTHER, RMF = Holder("api", "r1"), Holder("api", "r2"), Holder("rmf", "fleet/r1")
@@ -107,8 +107,8 @@ def test_a_time_in_the_future_counts_as_none_gone() -> None:
     assert restored(saved(opened(at=500.0), 100.0), 50.0, AT).opened_at == 50.0
 
 
-@pytest.mark.parametrize("zone", [UTC, ZoneInfo("Europe/Berlin")])
-@pytest.mark.parametrize("hour", [datetime(2026, 10, 25, 1, 5, tzinfo=UTC), datetime(2026, 3, 29, 1, 5, tzinfo=UTC)])
+@each_row("zone", [UTC, ZoneInfo("Europe/Berlin")])
+@each_row("hour", [datetime(2026, 10, 25, 1, 5, tzinfo=UTC), datetime(2026, 3, 29, 1, 5, tzinfo=UTC)])
 def test_a_session_counts_the_same_seconds_when_the_clocks_change(hour: datetime, zone: tzinfo) -> None:
     written = saved(replace(opened(at=0.0), holding_since=300.0), 600.0, hour.astimezone(zone))
     assert written.opened_at == hour - timedelta(seconds=600)
@@ -154,7 +154,7 @@ def test_a_face_that_cannot_renew_has_a_limit_and_no_lease() -> None:
     assert sessions.longest_until(session, CONFIG) == 3700.0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("holder", "stays", "has_words", "clear_s"),
     [
         (RMF, True, False, CONFIG.rmf_clear_s),
@@ -208,8 +208,8 @@ def test_a_session_that_was_given_to_rmf_stays_from_its_first_request_on() -> No
 # -- what robots and people are told
 
 
-@pytest.mark.parametrize("doors", [{FRONT: Door.CLOSED}, {FRONT: Door.CLOSED, REAR: Door.CLOSED}])
-@pytest.mark.parametrize("may_be_aboard", [True, False])
+@each_row("doors", [{FRONT: Door.CLOSED}, {FRONT: Door.CLOSED, REAR: Door.CLOSED}])
+@each_row("may_be_aboard", [True, False])
 def test_a_robot_that_may_be_aboard_behind_shut_doors_stays_there_and_another_one_keeps_out(
     doors: Mapping[Side, Door], *, may_be_aboard: bool
 ) -> None:
@@ -217,7 +217,7 @@ def test_a_robot_that_may_be_aboard_behind_shut_doors_stays_there_and_another_on
     assert advise(doors, may_be_aboard=may_be_aboard) is expected
 
 
-@pytest.mark.parametrize(
+@each_row(
     "doors",
     [
         *({FRONT: door} for door in sorted(set(Door) - {Door.CLOSED})),
@@ -226,7 +226,7 @@ def test_a_robot_that_may_be_aboard_behind_shut_doors_stays_there_and_another_on
         None,
     ],
 )
-@pytest.mark.parametrize("may_be_aboard", [True, False])
+@each_row("may_be_aboard", [True, False])
 def test_a_door_that_is_not_seen_to_be_shut_is_kept_clear(
     doors: Mapping[Side, Door] | None, *, may_be_aboard: bool
 ) -> None:

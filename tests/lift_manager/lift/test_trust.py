@@ -23,6 +23,7 @@ from lift_manager.lift.trust import (
 )
 from register_maps.words import Door, Mode, Motion, Side
 from tests.lift_manager.lift.test_call import ABLE, CONFIRMED
+from tests.support.rows import each_row
 
 AT = datetime(2026, 3, 2, 21, 30, tzinfo=UTC)
 POLL_S = 0.2
@@ -121,7 +122,7 @@ GOOD: dict[str, tuple[Capabilities, Sequence[LiftValues]]] = {
 }
 
 
-@pytest.mark.parametrize("name", GOOD)
+@each_row("name", GOOD)
 def test_a_trip_with_the_door_closed_proves_the_signal_and_the_door_opens_at_its_end(name: str) -> None:
     able, rows = GOOD[name]
     lift = Lift(able).read(*rows)
@@ -155,8 +156,8 @@ BAD: dict[str, tuple[Capabilities, Sequence[LiftValues]]] = {
 """What an inverted contact reads on a trip: open whenever the door is not."""
 
 
-@pytest.mark.parametrize("trust", [False, True], ids=["not proven", "proven before"])
-@pytest.mark.parametrize("name", BAD)
+@each_row("trust", [False, True])
+@each_row("name", BAD)
 def test_a_door_that_reads_open_from_rest_to_rest_over_a_change_of_floor_is_an_alarm_and_never_open(
     name: str, trust: bool
 ) -> None:
@@ -175,7 +176,7 @@ def test_a_door_that_reads_open_from_rest_to_rest_over_a_change_of_floor_is_an_a
     assert [one.kind for one in lift.trust.distrust] == [Contradiction.DOOR]
 
 
-@pytest.mark.parametrize("name", BAD)
+@each_row("name", BAD)
 def test_an_inverted_signal_opens_no_door_on_its_later_trips_either(name: str) -> None:
     able, rows = BAD[name]
     lift = Lift(able)
@@ -325,8 +326,8 @@ NEVER: dict[str, tuple[Capabilities, Sequence[LiftValues]]] = {
 }
 
 
-@pytest.mark.parametrize("trust", [False, True], ids=["not proven", "proven"])
-@pytest.mark.parametrize("name", NEVER)
+@each_row("trust", [False, True])
+@each_row("name", NEVER)
 def test_what_never_is_an_alarm(name: str, trust: bool) -> None:
     able, rows = NEVER[name]
     lift = Lift(
@@ -379,7 +380,7 @@ def test_a_door_that_opens_after_our_own_press_is_believed_once_it_has_stayed_op
     assert not lift.proven
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rows", "pressed_for"),
     [
         pytest.param((at("L1", C, S), at("L1", O, S)), "L2", id="a press for another floor"),

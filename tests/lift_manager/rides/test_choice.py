@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.session import Holder
@@ -16,6 +14,7 @@ from lift_manager.rides.rides import MOST_OF_ONE, REFUSED_FOR_S, Rides, put, tak
 from lift_manager.rides.step import Step
 from register_maps.words import Mode, Side
 from tests.lift_manager.rides.by_hand import ABLE, ANY, HOLDER, REQUEST, STATE, at, config, lifts, ride, view
+from tests.support.rows import each_row
 
 NO_HOLD = replace(ABLE, commands=frozenset({"go_to"}))
 
@@ -26,7 +25,7 @@ def candidate(
     return Candidate(config(lift), replace(state, lift=lift, floor=floor), waiting, refused)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("lift", "request_", "code", "words"),
     [
         (config(floors=("L1", "L2")), REQUEST, Refusal.UNKNOWN_FLOOR, "A has no floor 'L3'; its floors are L1, L2"),
@@ -71,7 +70,7 @@ LOCKED = replace(STATE, restrictions=Restrictions(lockout="by Ana"))
 OCCUPIED = replace(STATE, restrictions=Restrictions(maybe_aboard=Holder("rmf", "tiny")))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("lifts", "best"),
     [
         ((candidate("A"), candidate("B"), candidate("C")), "A"),
@@ -209,14 +208,13 @@ def test_a_ride_that_waits_moves_only_to_a_lift_where_it_is_better_off() -> None
     assert choices(view("A", TAKEN, HOLDER), view("B")).better(waiting) == "B"
 
 
-@pytest.mark.parametrize(
+@each_row(
     "stays",
     [
         ride(),
         replace(ride(Phase.CALLED), request=ANY),
         replace(ride(silent_since=0.0), request=ANY),
     ],
-    ids=["its caller named the lift", "the lift is its own", "its robot is silent after a restart"],
 )
 def test_a_ride_that_may_not_move_stays(stays: RideRecord) -> None:
     assert choices(view("A", TAKEN), view("B"), view("C")).better(stays) is None

@@ -45,6 +45,7 @@ from tests.lift_manager.rides.by_hand import (
     take,
     tick,
 )
+from tests.support.rows import each_row
 
 GOING_ON = [Phase.QUEUED, Phase.CALLED, Phase.BOARDING, Phase.RIDING, Phase.ALIGHTING, Phase.CLEARING]
 WITH_SESSION = GOING_ON[1:]
@@ -59,7 +60,7 @@ def test_a_ride_whose_lift_is_free_takes_it_at_once() -> None:
     assert told == (Guidance.WAIT, "its turn has come: asks for A", 0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("state", "ahead", "reason", "shown_ahead"),
     [
         (replace(STATE, holder=Holder("rmf", "tiny")), 0, "A is held by rmf:tiny", 1),
@@ -142,7 +143,7 @@ NOT_OPEN: dict[str, Callable[[Sight], Sight]] = {
 }
 
 
-@pytest.mark.parametrize("fault", NOT_OPEN)
+@each_row("fault", NOT_OPEN)
 def test_nothing_but_an_open_held_door_of_its_own_lets_a_robot_in_or_out(fault: str) -> None:
     at_start = NOT_OPEN[fault](OPEN_AT_START)
     boarding = tick(ride(Phase.BOARDING), at_start).record
@@ -209,7 +210,7 @@ def test_a_lease_is_renewed_before_it_ends() -> None:
     assert tick(ride(Phase.ALIGHTING), offline).actions == (RENEW,)
 
 
-@pytest.mark.parametrize("phase", WITH_SESSION)
+@each_row("phase", WITH_SESSION)
 def test_nothing_is_asked_after_a_restart_before_the_robot_is_heard(phase: Phase) -> None:
     unheard = ride(phase, silent_since=0.0, clearing=CLEARING)
     after = tick(unheard, sight(away(), session("L2", Occupancy.MAY_BOARD), now=50.0))
@@ -231,7 +232,7 @@ def test_a_queued_ride_takes_no_lift_after_a_restart_before_its_robot_is_heard()
 DOUBT = RideInDoubt("r0", "A", 50.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("robot", "present_at", "doubt", "words"),
     [
         ("amr-7", 49.0, DOUBT, "your robot may be in the car of A: say `left` for ride r0, or begin a ride anew"),
@@ -283,7 +284,7 @@ def test_a_car_that_is_open_and_not_held_yet_says_that_it_waits_for_the_hold() -
     assert tick(ride(Phase.BOARDING), unheld).record.reason.endswith("is open, and is not held yet: waits for the hold")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("more", "words"),
     [
         ({"permissions": {"may_enter": False, "may_leave": True}}, "and the lift does not give `may_enter`"),
@@ -313,10 +314,8 @@ def test_people_are_told_that_nothing_is_pressed_for_a_robot_that_is_not_heard()
     assert text.endswith("nothing is pressed before the robot is heard: look into the car")
 
 
-@pytest.mark.parametrize("phase", WITH_SESSION)
-@pytest.mark.parametrize(
-    "reason", [EndReason.FIRE, EndReason.MODE, EndReason.LOCKOUT, EndReason.FORCED, EndReason.LEASE]
-)
+@each_row("phase", WITH_SESSION)
+@each_row("reason", [EndReason.FIRE, EndReason.MODE, EndReason.LOCKOUT, EndReason.FORCED, EndReason.LEASE])
 def test_a_ride_whose_session_somebody_ended_gives_up_and_hands_on_the_advice(phase: Phase, reason: EndReason) -> None:
     over = ended(reason, "there is a fire", Advice.STAY_ABOARD)
     after = tick(ride(phase, clearing=CLEARING), sight(STATE, over))
@@ -326,7 +325,7 @@ def test_a_ride_whose_session_somebody_ended_gives_up_and_hands_on_the_advice(ph
     assert after.record.maybe_aboard is (phase is not Phase.CALLED)
 
 
-@pytest.mark.parametrize("phase", WITH_SESSION)
+@each_row("phase", WITH_SESSION)
 def test_a_ride_waits_through_the_end_of_the_manager(phase: Phase) -> None:
     over = ended(EndReason.STOPPING, "the manager is stopping", Advice.CLEAR_DOORWAY)
     after = tick(ride(phase), sight(STATE, over, now=5000.0))
@@ -334,7 +333,7 @@ def test_a_ride_waits_through_the_end_of_the_manager(phase: Phase) -> None:
     assert after.record.guidance in (Guidance.WAIT, Guidance.STAY)
 
 
-@pytest.mark.parametrize("phase", WITH_SESSION)
+@each_row("phase", WITH_SESSION)
 def test_a_ride_whose_session_nobody_knows_gives_up(phase: Phase) -> None:
     after = tick(ride(phase), sight(gone="its session is over: the lease ran out")).record
     assert (after.phase, after.reason) == (Phase.GAVE_UP, "its session is over: the lease ran out")
@@ -363,7 +362,7 @@ def test_a_car_that_does_not_come_in_time_is_given_back() -> None:
     assert not after.record.maybe_aboard
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("phase", "limit_s", "warns"),
     [(Phase.BOARDING, 120.0, False), (Phase.RIDING, 200.0, True), (Phase.ALIGHTING, 100.0, True)],
 )
@@ -388,7 +387,7 @@ def test_a_robot_that_is_not_heard_to_leave_is_given_up_with_an_alarm_and_its_ca
     assert after.record.advice is Advice.CLEAR_DOORWAY
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("state", "clear_at", "stands_s", "wanted"),
     [
         (here("L1", RobotDoor.CLOSED), None, 5.0, "L1"),
@@ -417,7 +416,7 @@ def test_a_robot_that_said_nothing_is_let_out_where_it_may_have_gone_in() -> Non
     assert there.record.guidance is Guidance.LEAVE
 
 
-@pytest.mark.parametrize("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
+@each_row("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
 def test_a_ride_that_is_over_stays_as_it_is(phase: Phase) -> None:
     over = ride(phase, maybe_aboard=True)
     assert tick(over, OPEN_AT_START).record == over

@@ -30,6 +30,7 @@ from tests.lift_manager.rides.by_hand import (
     sight,
     take,
 )
+from tests.support.rows import each_row
 
 OPEN_AT_START = sight(here("L1"), session("L1", Occupancy.MAY_BOARD, there=True))
 SHUT_AT_START = sight(here("L1", RobotDoor.MOVING), session("L1", Occupancy.MAY_BOARD))
@@ -55,8 +56,8 @@ def changes_nothing(done: Step, record: RideRecord) -> bool:
     return (done.record, done.actions, done.events, done.saves) == (record, (), (), ())
 
 
-@pytest.mark.parametrize("seen", [OPEN_AT_START, SHUT_AT_START, OFFLINE_AT_START])
-@pytest.mark.parametrize("phase", [Phase.CALLED, Phase.BOARDING])
+@each_row("seen", [OPEN_AT_START, SHUT_AT_START, OFFLINE_AT_START])
+@each_row("phase", [Phase.CALLED, Phase.BOARDING])
 def test_a_robot_may_say_that_it_entered_whenever_it_could_have_whatever_the_door_does_now(
     phase: Phase, seen: Sight
 ) -> None:
@@ -130,13 +131,13 @@ def test_a_word_after_the_end_clears_the_car_once() -> None:
     assert refused(after.record, RideWord.LEFT, sight()) == "the ride is over, it is gave_up: too late"
 
 
-@pytest.mark.parametrize("word", [RideWord.ENTERED, RideWord.HERE])
-@pytest.mark.parametrize("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
+@each_row("word", [RideWord.ENTERED, RideWord.HERE])
+@each_row("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
 def test_other_words_after_the_end_make_no_sense(phase: Phase, word: RideWord) -> None:
     assert "is over" in refused(ride(phase, maybe_aboard=True), word, sight())
 
 
-@pytest.mark.parametrize("word", RideWord)
+@each_row("word", RideWord)
 def test_every_word_of_a_robot_lets_its_ride_go_on_after_a_restart(word: RideWord) -> None:
     unheard = ride(Phase.ALIGHTING, could_exit_at="L3", silent_since=0.0)
     after = taken(unheard, word, sight(here("L3"), session("L3", Occupancy.ABOARD, there=True)))
@@ -158,8 +159,8 @@ def test_a_ride_whose_car_is_on_its_way_gives_the_lift_back() -> None:
     assert (after.record.phase, after.actions) == (Phase.CANCELLED, (CLOSE,))
 
 
-@pytest.mark.parametrize("phase", [Phase.CALLED, Phase.BOARDING, Phase.RIDING, Phase.ALIGHTING])
-@pytest.mark.parametrize("seen", [OPEN_AT_START, OFFLINE_AT_START])
+@each_row("phase", [Phase.CALLED, Phase.BOARDING, Phase.RIDING, Phase.ALIGHTING])
+@each_row("seen", [OPEN_AT_START, OFFLINE_AT_START])
 def test_a_ride_whose_robot_may_be_inside_lets_it_out_first(phase: Phase, seen: Sight) -> None:
     after = cancel(ride(phase), seen)
     assert (after.record.phase, after.record.maybe_aboard) == (Phase.CLEARING, True)
@@ -183,7 +184,7 @@ def test_a_cancelled_ride_holds_the_door_open_where_the_car_still_stands() -> No
     assert after.actions == (go_to("L1"),)
 
 
-@pytest.mark.parametrize("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
+@each_row("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
 def test_a_ride_that_is_over_is_not_cancelled_again(phase: Phase) -> None:
     assert changes_nothing(cancel(ride(phase), sight()), ride(phase))
 

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from lift_manager.lab.world.truth import Truth
 from tests.support.rmf.events import (
     AdapterRestarts,
@@ -110,7 +108,7 @@ TROUBLES: dict[str, tuple[Event, ...]] = {
 }
 
 
-@pytest.mark.parametrize("trouble", TROUBLES)
+@each_row("trouble", TROUBLES)
 def test_a_robot_gets_where_it_wants_through(trouble: str) -> None:
     later = Ride(6.0, A, pickup=1, destination=2) if trouble == "another face before" else RIDE
     found = played("kilted", later, *TROUBLES[trouble], way_s=0.01)

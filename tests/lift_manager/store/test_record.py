@@ -15,6 +15,7 @@ from lift_manager.store.record import RecordDamaged, decode, encode
 from register_maps.words import Side
 from tests.lift_manager.rides.by_hand import REQUEST, at, ride
 from tests.lift_manager.store.test_recall_contract import RECORD, VALUES
+from tests.support.rows import each_row
 
 CLEARING = replace(
     ride(
@@ -31,13 +32,13 @@ CLEARING = replace(
 FULL = SavedLift(RECORD, (save(CLEARING, at(5.0)),))
 
 
-@pytest.mark.parametrize("record", [ride(), CLEARING, ride(Phase.GAVE_UP, ended_at=3.0, maybe_aboard=True)])
+@each_row("record", [ride(), CLEARING, ride(Phase.GAVE_UP, ended_at=3.0, maybe_aboard=True)])
 def test_a_ride_is_read_as_it_was_written(record: RideRecord) -> None:
     saved = SavedLift(rides=(save(record, at(5.0)),))
     assert decode(encode(saved)) == saved
 
 
-@pytest.mark.parametrize("value", VALUES)
+@each_row("value", VALUES)
 def test_a_record_is_read_as_it_was_written(value: SavedLift) -> None:
     assert decode(encode(value)) == value
 
@@ -50,7 +51,7 @@ def spoilt(spoil: Callable[[dict[str, Any]], object]) -> str:
     return str(damaged.value)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("spoil", "words"),
     [
         (lambda c: c.update(more=1), "more: Unexpected keyword argument"),
@@ -79,7 +80,7 @@ def test_anything_that_no_manager_writes_is_refused_with_its_place(
     assert words in spoilt(spoil)
 
 
-@pytest.mark.parametrize("text", ["", "{", "null", "[]", "{}, {}", "\ud800", "[" * 10_000])
+@each_row("text", ["", "{", "null", "[]", "{}, {}", "\ud800", "[" * 10_000])
 def test_what_is_no_record_is_refused(text: str) -> None:
     with pytest.raises(RecordDamaged):
         decode(text)

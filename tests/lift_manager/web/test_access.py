@@ -13,12 +13,13 @@ from lift_manager.web.app import make_app
 from lift_manager.web.authenticator import MAX_LOGGED_REFUSALS, REFUSAL_WINDOW_S, RefusalLog
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, STATE, FakeSite, ask, ask_app
 from tests.lift_manager.web.keyed import bearing, key, ring
+from tests.support.rows import each_row
 
 LOCKOUT = "/api/v1/lifts/lift/lockout"
 WORDS = {"by": "M. Weber", "reason": "new ropes"}
 EVERYWHERE = [("GET", f"{BASE}/lift_names"), ("POST", REQUEST), ("POST", LOCKOUT), ("GET", "/nothing")]
 
-everywhere = pytest.mark.parametrize(("method", "url"), EVERYWHERE)
+everywhere = each_row(("method", "url"), EVERYWHERE)
 
 
 def form_of(answer: httpx.Response, url: str) -> tuple[str, str]:
@@ -86,13 +87,13 @@ def test_two_keys_in_one_request_are_none() -> None:
     assert ask(FakeSite(), "GET", f"{BASE}/lift_names", keys=ring(Role.OPERATOR), headers=headers).status_code == 401
 
 
-@pytest.mark.parametrize("scheme", ["Bearer", "bearer", "BEARER"])
+@each_row("scheme", ["Bearer", "bearer", "BEARER"])
 def test_the_scheme_is_read_in_any_case(scheme: str) -> None:
     headers = {"Authorization": f"{scheme}  {RIGHT} "}
     assert ask(FakeSite(), "GET", f"{BASE}/lift_names", keys=ring(Role.OPERATOR), headers=headers).is_success
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("role", "method", "url", "words"),
     [
         (Role.VIEWER, "POST", REQUEST, "the role robot, operator or commissioner; this key's is viewer"),
@@ -145,7 +146,7 @@ def test_while_there_are_no_keys_a_key_is_refused(headers: Mapping[str, str]) ->
     assert ask(site, "GET", "/healthz", headers=headers).status_code == 200
 
 
-@pytest.mark.parametrize("role", [Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER])
+@each_row("role", [Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER])
 def test_a_caller_with_a_key_holds_the_lift_in_its_own_name(role: Role) -> None:
     site = FakeSite()
     assert ask(site, "POST", REQUEST, content=CALL, keys=ring(*Role), headers=bearing(role)).is_success
@@ -188,7 +189,7 @@ def test_a_key_in_the_address_is_refused_in_words_that_do_not_repeat_it(
     assert RIGHT[12:40] not in answer.text + caplog.text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("url", "body", "status"),
     [
         (REQUEST, {"floor": RIGHT, "door_state": 0}, 200),
@@ -199,7 +200,7 @@ def test_a_key_in_the_address_is_refused_in_words_that_do_not_repeat_it(
         (LOCKOUT, WORDS | {RIGHT: "x"}, 422),
     ],
 )
-@pytest.mark.parametrize("escaped", [False, True])
+@each_row("escaped", [False, True])
 def test_a_key_in_a_body_reaches_nobody_and_is_not_repeated(
     url: str, body: dict[str, object], status: int, escaped: bool
 ) -> None:
@@ -274,7 +275,7 @@ def test_a_refusal_is_logged_with_its_address_and_without_what_was_sent(caplog: 
     assert RIGHT[12:40] not in caplog.text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("headers", "url", "code", "lift", "caller"),
     [
         ({}, REQUEST, "key_needed", "", ""),

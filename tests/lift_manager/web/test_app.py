@@ -8,6 +8,7 @@ from lift_manager.lift.refusals import Accepted
 from lift_manager.lift.session import Holder
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeSite, ask, ask_app
+from tests.support.rows import each_row
 
 
 class BrokenSite(FakeSite):
@@ -15,7 +16,7 @@ class BrokenSite(FakeSite):
         raise ZeroDivisionError("a bug")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "path",
     [
         "/open-rmf",
@@ -39,7 +40,7 @@ def test_an_unknown_workshop_path_is_404_in_the_envelope(path: str) -> None:
     assert envelope["msg"].startswith("Not Found; under /open-rmf/demo-lift/ there are: GET lift_names, ")
 
 
-@pytest.mark.parametrize("path", sorted({route.path for route in ROUTES}))
+@each_row("path", sorted({route.path for route in ROUTES}))
 def test_405_names_every_method_that_a_path_takes_and_no_other(path: str) -> None:
     url = (
         path.replace("{path:path}", "x.js")
@@ -53,7 +54,7 @@ def test_405_names_every_method_that_a_path_takes_and_no_other(path: str) -> Non
             assert (answer.status_code, answer.headers["allow"]) == (405, ", ".join(allowed)), method
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("method", "path", "allowed"),
     [("POST", "lift_names", "GET"), ("PUT", "lift_state", "GET"), ("GET", "lift_request", "POST")],
 )
@@ -64,7 +65,7 @@ def test_a_wrong_method_is_405_in_the_envelope_and_names_the_right_one(method: s
     assert answer.json()["success"] is False
 
 
-@pytest.mark.parametrize("path", ["/nothing", "/open-rmfx", "/docs/", "/docs/nothing.js", "/redoc/%2e%2e/x", "/%FF"])
+@each_row("path", ["/nothing", "/open-rmfx", "/docs/", "/docs/nothing.js", "/redoc/%2e%2e/x", "/%FF"])
 def test_any_other_unknown_path_is_404_in_json(path: str) -> None:
     answer = ask(FakeSite(), "GET", path)
     assert answer.status_code == 404

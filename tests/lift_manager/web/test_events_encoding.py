@@ -3,7 +3,6 @@
 import json
 from typing import get_args
 
-import pytest
 from pydantic import TypeAdapter
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
@@ -33,6 +32,7 @@ from lift_manager.web.events import sse
 from lift_manager.web.events.encoding import aged, encode_event, has_ages
 from tests.lift_manager.web.fake_lifts import AT, IDLE
 from tests.lift_manager.web.fake_rides import a_ride
+from tests.support.rows import each_row
 
 ROBOT, OTHER = Holder("api", "amr-7"), Holder("rmf", "fleet/r1")
 FOLLOWED = CommandStatus(
@@ -102,7 +102,7 @@ def test_every_event_that_there_is_is_among_these_cases() -> None:
     assert {type(event) for event, _, _ in CASES} == set(get_args(Event))
 
 
-@pytest.mark.parametrize(("event", "name", "words"), CASES, ids=lambda case: type(case).__name__)
+@each_row(("event", "name", "words"), CASES)
 def test_an_event_says_what_happened_and_can_be_read_back(event: Event, name: str, words: dict[str, object]) -> None:
     said = encode_event(event, 2.0)
     lines = sse.event(said.event, said, "b0-7").decode().split("\n")

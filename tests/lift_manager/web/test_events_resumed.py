@@ -4,8 +4,6 @@ import asyncio
 import random
 from dataclasses import replace
 
-import pytest
-
 from lift_manager.lift.events import Alarm
 from lift_manager.lift.session import Holder
 from lift_manager.rides.ride import Phase
@@ -15,6 +13,7 @@ from tests.lift_manager.web.fake import serving
 from tests.lift_manager.web.fake_lifts import ABLE
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.listening import EVENTS, Happening, Message, listening
+from tests.support.rows import each_row
 
 CALLER = Holder("ride", "amr-7")
 OF_LIFT = f"{EVENTS}?lift=lift"
@@ -45,8 +44,8 @@ async def after(port: int, path: str, last_id: str, count: int) -> list[Message]
         return await stream.take(count)
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("path", [EVENTS, OF_LIFT])
+@each_row("seed", range(2))
+@each_row("path", [EVENTS, OF_LIFT])
 def test_a_stream_that_is_cut_anywhere_loses_and_repeats_nothing(seed: int, path: str) -> None:
     dice = random.Random(seed)
     # on a busy computer events wait, and those of a lift must not turn too old by that
@@ -99,7 +98,7 @@ def test_the_id_in_the_query_serves_those_that_cannot_send_the_header() -> None:
     assert [message.data["text"] for message in asyncio.run(main())] == ["one", "two"]
 
 
-@pytest.mark.parametrize("last_id", ["a0-1", "b0-99", "b0--1", "b0-1x", "b0-\u0661", "-", "nonsense", "b0-" + "9" * 60])
+@each_row("last_id", ["a0-1", "b0-99", "b0--1", "b0-1x", "b0-\u0661", "-", "nonsense", "b0-" + "9" * 60])
 def test_an_id_of_another_process_or_of_nothing_begins_with_a_snapshot_that_says_so(last_id: str) -> None:
     manager = Happening()
 

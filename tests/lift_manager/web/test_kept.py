@@ -17,6 +17,7 @@ from tests.lift_manager.web.fake import FakeSite
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_session
 from tests.support.refusals import reply
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 SESSION = "/api/v1/lifts/lift/sessions"
@@ -26,7 +27,7 @@ NEVER_WAIT = [
     ("/open-rmf/demo-lift/lift_request?lift_name=lift", {"floor": "L2", "door_state": 2}),
 ]
 WORDS = [change for change in CHANGES.items() if change not in NEVER_WAIT]
-every_word = pytest.mark.parametrize(("path", "body"), WORDS)
+every_word = each_row(("path", "body"), WORDS)
 
 
 class LateRecorder(MemoryRecorder):
@@ -57,7 +58,7 @@ def holding(disk_s: float) -> FakeSite:
 
 
 @every_word
-@pytest.mark.parametrize(("disk_s", "answered_s"), [(0.2, 0.2), (60.0, 0.5)], ids=["soon", "late"])
+@each_row(("disk_s", "answered_s"), [(0.2, 0.2), (60.0, 0.5)])
 def test_a_word_is_taken_at_once_and_answered_when_it_is_written_or_after_half_a_second(
     path: str, body: object, disk_s: float, answered_s: float
 ) -> None:
@@ -79,7 +80,7 @@ def test_a_word_is_taken_at_once_and_answered_when_it_is_written_or_after_half_a
     run_virtual(main)
 
 
-@pytest.mark.parametrize(("path", "body"), NEVER_WAIT)
+@each_row(("path", "body"), NEVER_WAIT)
 def test_neither_the_workshop_nor_rmf_waits_for_the_disk(path: str, body: object) -> None:
     async def main() -> None:
         async with client(make_app(holding(60.0))) as ask:

@@ -17,6 +17,7 @@ from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeSite, ask, one_lift
 from tests.lift_manager.web.fake_lifts import DOOR, IDLE
 from tests.lift_manager.web.keyed import bearing, ring
+from tests.support.rows import each_row
 
 LIFTS = "/api/v1/lifts"
 HELD = replace(IDLE, holder=Holder("api", "amr-7"), held_since_s=12.5)
@@ -57,26 +58,26 @@ def test_what_a_lift_can_do_and_what_its_signals_say_is_told() -> None:
     assert door["addresses"] == ["holding:12"]
 
 
-@pytest.mark.parametrize("path", ["/elevator", "/elevator/capabilities", "/elevator/signals", "/li%22ft"])
+@each_row("path", ["/elevator", "/elevator/capabilities", "/elevator/signals", "/li%22ft"])
 def test_an_unknown_lift_is_404_with_the_lifts_there_are(path: str) -> None:
     assert refused(read(FakeSite(), path), 404, "unknown_lift").endswith("the lifts are lift, goods")
 
 
-@pytest.mark.parametrize("path", ["/", "//capabilities", "/a%2Fb", "/a/b/signals"])
+@each_row("path", ["/", "//capabilities", "/a%2Fb", "/a/b/signals"])
 def test_a_path_that_no_name_of_a_lift_fits_into_leads_nowhere(path: str) -> None:
     refused(read(FakeSite(), path), 404, "no_such_path")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "quoted"), [("B-2_goods.1", "B-2_goods.1"), ("signals", "signals"), ("a.b", "a%2Eb"), ("lift", "l%69ft")]
 )
-@pytest.mark.parametrize("part", ["", "/capabilities", "/signals"])
+@each_row("part", ["", "/capabilities", "/signals"])
 def test_a_lift_with_any_name_can_be_read(name: str, quoted: str, part: str) -> None:
     answer = read(FakeSite({name: replace(IDLE, lift=name)}), f"/{quoted}{part}")
     assert (answer.status_code, answer.json()["name"]) == (200, name)
 
 
-@pytest.mark.parametrize("path", EVERY)
+@each_row("path", EVERY)
 def test_who_has_an_answer_is_told_that_nothing_but_time_has_passed_and_how_old_it_is(path: str) -> None:
     first = read(one_lift(HELD), path)
     assert first.headers["cache-control"] == "no-cache"
@@ -103,8 +104,8 @@ CHANGES: list[Mapping[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("change", CHANGES, ids=str)
-@pytest.mark.parametrize("path", ["", "/lift"])
+@each_row("change", CHANGES)
+@each_row("path", ["", "/lift"])
 def test_whatever_else_has_changed_is_sent(change: Mapping[str, Any], path: str) -> None:
     tag = read(one_lift(HELD), path).headers["etag"]
     answer = read(one_lift(replace(HELD, **change)), path, tag)
@@ -112,14 +113,14 @@ def test_whatever_else_has_changed_is_sent(change: Mapping[str, Any], path: str)
     assert answer.headers["etag"] != tag
 
 
-@pytest.mark.parametrize("change", [{"value": "closed"}, {"raw": 1}, {"value": None}])
+@each_row("change", [{"value": "closed"}, {"raw": 1}, {"value": None}])
 def test_a_signal_that_has_changed_is_sent(change: Mapping[str, Any]) -> None:
     tag = read(FakeSite(), "/lift/signals").headers["etag"]
     assert read(FakeSite(signals=(replace(DOOR, **change),)), "/lift/signals", tag).status_code == 200
 
 
-@pytest.mark.parametrize("reason", ["closed for 900 s", "closed for 30.5 s", "refused for 30 s"])
-@pytest.mark.parametrize("path", ["", "/lift"])
+@each_row("reason", ["closed for 900 s", "closed for 30.5 s", "refused for 30 s"])
+@each_row("path", ["", "/lift"])
 def test_a_reason_in_other_words_or_with_other_numbers_is_sent(path: str, reason: str) -> None:
     known = replace(OFFLINE, reason="closed for 30 s")
     tag = read(one_lift(known), path).headers["etag"]
@@ -127,7 +128,7 @@ def test_a_reason_in_other_words_or_with_other_numbers_is_sent(path: str, reason
     assert read(one_lift(replace(known, reason=reason)), path, tag).status_code == 200
 
 
-@pytest.mark.parametrize("path", EVERY)
+@each_row("path", EVERY)
 def test_a_lift_that_was_never_read_has_no_age(path: str) -> None:
     never = one_lift(replace(OFFLINE, age_s=None))
     assert "lift-age-s" not in read(never, path).headers
@@ -143,7 +144,7 @@ def test_the_age_of_all_is_that_of_the_oldest_live_one() -> None:
     assert answer.headers["lift-age-s"] == "0.750"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("lines", "known"),
     [
         (['W/"abc"'], True),

@@ -26,6 +26,7 @@ from lift_manager.web.http_protocol import (
 from lift_manager.web.limits import MAX_CONNECTIONS
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeSite, ask, connected, serving
 from tests.lift_manager.web.listening import listening
+from tests.support.rows import each_row
 
 NAMES = f"GET {BASE}/lift_names HTTP/1.1\r\nHost: 127.0.0.1\r\n".encode()
 LONG = b"x" * HEAD_LIMIT_BYTES
@@ -43,7 +44,7 @@ async def all_of(port: int, sent: bytes) -> bytes:
         return await reader.read()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("sent", "media_type"),
     [
         (b"GET /" + LONG, b"application/json"),
@@ -54,7 +55,6 @@ async def all_of(port: int, sent: bytes) -> bytes:
         (b"GET /api/v1/x HTTP/1.1\r\nX-Long: " + LONG + b"\r\n\r\n", b"application/problem+json"),
         (LONG + LONG, b"application/json"),
     ],
-    ids=["address without end", "address", "header without end", "header", "headers", "under /api", "no HTTP"],
 )
 def test_a_head_that_is_too_long_is_answered_and_hung_up_on(sent: bytes, media_type: bytes) -> None:
     async def main() -> bytes:
@@ -302,7 +302,7 @@ def test_whoever_does_not_take_an_answer_is_hung_up_on_after_a_minute_and_whoeve
     run_virtual(main)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("soft", "hard", "connections", "streams"),
     [
         (1024, 1024, 256, 153),

@@ -22,6 +22,7 @@ from lift_manager.web.error_codes import CODES
 from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.keyed import bearing, ring
+from tests.support.rows import each_row
 
 Json = dict[str, Any]
 API = [
@@ -77,7 +78,7 @@ def references(part: object) -> Iterator[str]:
             yield from references(inner)
 
 
-@pytest.mark.parametrize(("method", "path"), API)
+@each_row(("method", "path"), API)
 def test_every_operation_says_what_it_is_for_and_what_can_come(method: str, path: str) -> None:
     said = operation(method, path)
     assert said["summary"]
@@ -95,9 +96,7 @@ def test_every_operation_says_what_it_is_for_and_what_can_come(method: str, path
     assert named == {part.strip("{}") for part in path.split("/") if part.startswith("{")}
 
 
-@pytest.mark.parametrize(
-    ("method", "path"), [one for one in API if not {"acknowledge", "lockout", "drain"} & set(one[1].split("/"))]
-)
+@each_row(("method", "path"), [one for one in API if not {"acknowledge", "lockout", "drain"} & set(one[1].split("/"))])
 def test_every_body_has_examples_and_they_are_as_its_schema_has_them(method: str, path: str) -> None:
     if path.endswith("force-release"):
         return
@@ -109,7 +108,7 @@ def test_every_body_has_examples_and_they_are_as_its_schema_has_them(method: str
             jsonschema.validate(example, schema_in(content), format_checker=jsonschema.FormatChecker())
 
 
-@pytest.mark.parametrize(("method", "path"), API)
+@each_row(("method", "path"), API)
 def test_every_documented_code_is_in_the_table_with_this_status(method: str, path: str) -> None:
     for status, said in operation(method, path)["responses"].items():
         for code, example in said.get("content", {}).get(MEDIA_TYPE, {}).get("examples", {}).items():
@@ -121,9 +120,7 @@ def test_the_document_is_valid_by_the_specification() -> None:
     assert [error.message for error in OpenAPIV31SpecValidator(document()).iter_errors()] == []
 
 
-@pytest.mark.parametrize(
-    "path", sorted({route.path.replace(":path}", "}") for route in ROUTES} & document()["paths"].keys())
-)
+@each_row("path", sorted({route.path.replace(":path}", "}") for route in ROUTES} & document()["paths"].keys()))
 def test_every_parameter_in_a_path_is_declared(path: str) -> None:
     for said in document()["paths"][path].values():
         named = {parameter["name"] for parameter in said.get("parameters", ()) if parameter["in"] == "path"}
@@ -151,7 +148,7 @@ BODIES: list[tuple[type[BaseModel], Json]] = [
 ]
 
 
-@pytest.mark.parametrize(("form", "body"), BODIES, ids=lambda value: str(value)[:60] if isinstance(value, dict) else "")
+@each_row(("form", "body"), BODIES)
 def test_the_schema_of_a_body_takes_what_the_manager_takes_and_nothing_else(form: type[BaseModel], body: Json) -> None:
     try:
         form.model_validate(body)
@@ -166,9 +163,9 @@ WISH = {"lift": "lift", "from": "L1", "to": "L2"}
 OPENED, BEGUN = "/api/v1/lifts/{lift}/sessions", "/api/v1/rides"
 
 
-@pytest.mark.parametrize("keys", [None, ring(Role.OPERATOR)], ids=["without keys", "with keys"])
-@pytest.mark.parametrize("more", [{}, {"robot": "amr-7"}, {"robot": None}, {"idempotency_key": None}], ids=str)
-@pytest.mark.parametrize(
+@each_row("keys", [None, ring(Role.OPERATOR)])
+@each_row("more", [{}, {"robot": "amr-7"}, {"robot": None}, {"idempotency_key": None}])
+@each_row(
     ("path", "body"),
     [
         (OPENED, {}),
@@ -178,7 +175,6 @@ OPENED, BEGUN = "/api/v1/lifts/{lift}/sessions", "/api/v1/rides"
         (BEGUN, WISH | {"idempotency_key": "k1", "dry_run": False}),
         (BEGUN, WISH | {"idempotency_key": "k1", "dry_run": True}),
     ],
-    ids=str,
 )
 def test_the_schema_needs_a_robot_beside_an_idempotency_key_exactly_where_the_manager_does(
     path: str, body: Json, more: Json, keys: KeyRing | None

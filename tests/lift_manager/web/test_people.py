@@ -14,6 +14,7 @@ from lift_manager.web.origin import is_from_this_computer
 from tests.lift_manager.runtime.ride_building import building
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import NAME, FakeSite, ask
+from tests.support.rows import each_row
 from tests.support.virtual_time import run_virtual
 
 BASE = "http://127.0.0.1:5003/api/v1/lifts"
@@ -29,7 +30,7 @@ SAYINGS = [
     ("session/force-release", RELEASE),
 ]
 
-every_saying = pytest.mark.parametrize(("what", "body"), SAYINGS)
+every_saying = each_row(("what", "body"), SAYINGS)
 
 
 def say(site: FakeSite, what: str, lift: str = "lift", **more: Any) -> httpx.Response:
@@ -105,7 +106,7 @@ def test_a_lift_with_any_name_can_be_named(what: str, body: dict[str, str]) -> N
 
 
 @every_saying
-@pytest.mark.parametrize(
+@each_row(
     "headers",
     [
         {"host": NAME},
@@ -131,14 +132,14 @@ def test_what_comes_by_another_name_or_through_a_proxy_is_refused(
 
 
 @every_saying
-@pytest.mark.parametrize("host", ["evil.example", "", "[", "127.0.0.1:5003, evil.example", "127.0.0.1:0"])
+@each_row("host", ["evil.example", "", "[", "127.0.0.1:5003, evil.example", "127.0.0.1:0"])
 def test_what_comes_by_an_unknown_name_is_refused(what: str, body: dict[str, str], host: str) -> None:
     site = FakeSite()
     refused(say(site, what, json=body, headers={"host": host}), 403, "another_site")
     assert site.decisions == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("client", "host", "taken"),
     [
         ("127.0.0.1", "127.0.0.1:5003", True),
@@ -183,9 +184,7 @@ def test_a_manager_that_listens_on_one_address_is_told_by_its_own_computer() -> 
     assert not is_from_this_computer(asked("192.0.2.10", "192.0.2.10", "192.0.2.11:5003"))
 
 
-@pytest.mark.parametrize(
-    ("by", "kept"), [("M.\u00a0Weber", "M. Weber"), ("عل\u200cر", "عل\u200cر"), ("👩\u200d🔧", "👩\u200d🔧")]
-)
+@each_row(("by", "kept"), [("M.\u00a0Weber", "M. Weber"), ("عل\u200cر", "عل\u200cر"), ("👩\u200d🔧", "👩\u200d🔧")])
 def test_names_in_any_script_are_taken(by: str, kept: str) -> None:
     site = FakeSite()
     assert say(site, "acknowledge", json={"by": by}).status_code == 200

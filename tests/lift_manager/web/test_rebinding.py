@@ -13,6 +13,7 @@ from tests.lift_manager.web.browser import shown_by_chromium
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import ACCEPTED, CALL, NAME, REQUEST, STATE, FakeSite, ask, connected, serving
 from tests.lift_manager.web.keyed import bearing, ring
+from tests.support.rows import each_row
 
 REBOUND = {"host": "evil.example:5003", "origin": "http://evil.example:5003"}
 """Of one site, as far as the browser can tell."""
@@ -35,8 +36,8 @@ BY_BROWSER: list[Mapping[str, str]] = [
 OWN = ["127.0.0.1:5003", "localhost:5003", "localhost", "192.0.2.7", "[::1]:5003", "[2001:db8::7]"]
 
 
-@pytest.mark.parametrize(("method", "path"), ASKED)
-@pytest.mark.parametrize("marks", BY_BROWSER, ids=str)
+@each_row(("method", "path"), ASKED)
+@each_row("marks", BY_BROWSER)
 def test_without_keys_a_request_that_names_an_unknown_host_is_told_which_are_known(
     method: str, path: str, marks: Mapping[str, str]
 ) -> None:
@@ -58,16 +59,14 @@ def test_the_workshop_takes_no_call_from_it_either() -> None:
     assert site.changes == []
 
 
-@pytest.mark.parametrize(
-    "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "127.0.0.1x", "", "[::1"]
-)
+@each_row("host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "127.0.0.1x", "", "[::1"])
 def test_what_only_looks_like_an_address_is_none(host: str) -> None:
     site = FakeSite()
     answer = ask(site, "GET", "/api/v1/lifts", headers={"host": host, "sec-fetch-site": "same-origin"})
     refused(answer, 403, "another_site")
 
 
-@pytest.mark.parametrize("host", OWN)
+@each_row("host", OWN)
 def test_a_browser_that_asks_by_address_is_served(host: str) -> None:
     site = FakeSite()
     headers = {"host": host, "origin": f"http://{host}", "sec-fetch-site": "same-origin"}
@@ -76,15 +75,13 @@ def test_a_browser_that_asks_by_address_is_served(host: str) -> None:
     assert ask(site, "POST", REQUEST, headers=headers, content=CALL).content == ACCEPTED
 
 
-@pytest.mark.parametrize(
-    "path", ["/", "/docs", "/openapi.json", "/healthz", "/metrics", f"{STATE}?lift_name=lift", "/x"]
-)
-@pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "DELETE"])
+@each_row("path", ["/", "/docs", "/openapi.json", "/healthz", "/metrics", f"{STATE}?lift_name=lift", "/x"])
+@each_row("method", ["GET", "HEAD", "OPTIONS", "DELETE"])
 def test_nothing_at_all_is_served_by_an_unknown_name(method: str, path: str) -> None:
     assert ask(FakeSite(), method, path, headers=REBOUND).status_code == 403
 
 
-@pytest.mark.parametrize("host", [NAME, NAME.upper(), f"{NAME}:5003"])
+@each_row("host", [NAME, NAME.upper(), f"{NAME}:5003"])
 def test_a_name_that_the_site_file_lists_is_known(host: str) -> None:
     site = FakeSite()
     assert ask(site, "GET", "/api/v1/lifts", headers={"host": host}).status_code == 200

@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import httpx
-import pytest
 
 from lift_manager.api.roles import Role
 from lift_manager.lift.session import Holder
@@ -14,6 +13,7 @@ from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, ring
+from tests.support.rows import each_row
 
 RIDES = "/api/v1/rides"
 WISH = {"lift": "lift", "from": "L1", "to": "L2"}
@@ -84,8 +84,8 @@ def test_a_dry_run_is_a_plan_and_begins_nothing() -> None:
     assert (len(site.fake_rides.planned), site.fake_rides.requests, site.fake_rides.known) == (1, [], {})
 
 
-@pytest.mark.parametrize("dry_run", [False, True])
-@pytest.mark.parametrize(
+@each_row("dry_run", [False, True])
+@each_row(
     ("role", "lift", "lifts"),
     [
         (None, "any", (NAMED, OTHER)),
@@ -105,8 +105,8 @@ def test_a_caller_rides_on_the_lifts_that_it_commands(
     assert (wish.lifts, wish.any_lift) == (lifts, lift == "any")
 
 
-@pytest.mark.parametrize("dry_run", [False, True])
-@pytest.mark.parametrize("lift", [OTHER, "elevator", ""])
+@each_row("dry_run", [False, True])
+@each_row("lift", [OTHER, "elevator", ""])
 def test_a_robots_key_rides_on_no_lift_that_it_does_not_name(lift: str, dry_run: bool) -> None:
     site = FakeSite()
     answer = post(site, RIDES, Role.ROBOT, json={**WISH, "lift": lift, "dry_run": dry_run})
@@ -133,8 +133,8 @@ def test_a_viewer_sees_rides_and_begins_none() -> None:
     assert site.changes == []
 
 
-@pytest.mark.parametrize("word", WORDS)
-@pytest.mark.parametrize(
+@each_row("word", WORDS)
+@each_row(
     ("role", "owner", "speaker"),
     [
         (None, "anonymous", Holder("ride", "anonymous")),
@@ -153,8 +153,8 @@ def test_a_ride_is_spoken_for_by_its_key_and_by_people(
     assert site.fake_rides.reports == [("r1", "no reason given" if word == "cancel" else word, speaker)]
 
 
-@pytest.mark.parametrize("word", WORDS)
-@pytest.mark.parametrize("owner", ["the", "the robot 2", "the operator", "amr/the robot"])
+@each_row("word", WORDS)
+@each_row("owner", ["the", "the robot 2", "the operator", "amr/the robot"])
 def test_a_robots_key_does_not_speak_for_another_keys_ride(word: str, owner: str) -> None:
     site = of(Holder("ride", owner))
     refused(post(site, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_your_ride")
@@ -162,7 +162,7 @@ def test_a_robots_key_does_not_speak_for_another_keys_ride(word: str, owner: str
     assert [away.code for away in site.away] == ["not_your_ride"]
 
 
-@pytest.mark.parametrize("word", WORDS)
+@each_row("word", WORDS)
 def test_a_key_that_no_longer_names_the_lift_of_its_ride_says_nothing_to_it(word: str) -> None:
     site = of(OF_ROBOT, OTHER)
     refused(post(site, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_allowed")
@@ -176,14 +176,14 @@ def test_a_cancel_says_why() -> None:
     assert site.fake_rides.reports == [("r1", "order withdrawn", ANYBODY)]
 
 
-@pytest.mark.parametrize("word", WORDS)
+@each_row("word", WORDS)
 def test_an_unknown_ride_is_404(word: str) -> None:
     site = FakeSite()
     refused(post(site, f"{RIDES}/r9/{word}", Role.ROBOT), 404, "unknown_ride")
     assert '"r9"' in refused(ask(site, "GET", f"{RIDES}/r9"), 404, "unknown_ride")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "code", "status", "field"),
     [
         ({"lift": "elevator"}, "unknown_lift", 404, "lift"),
@@ -192,7 +192,7 @@ def test_an_unknown_ride_is_404(word: str) -> None:
         ({"lift": "any", "to": "L9"}, "unknown_floor", 422, "to"),
     ],
 )
-@pytest.mark.parametrize("dry_run", [False, True])
+@each_row("dry_run", [False, True])
 def test_what_the_site_has_not_is_refused_with_the_field(
     change: dict[str, str], code: str, status: int, field: str, dry_run: bool
 ) -> None:

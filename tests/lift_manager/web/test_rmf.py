@@ -22,6 +22,7 @@ from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeSite, Requested, ask
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.keyed import bearing, ring
+from tests.support.rows import each_row
 
 LIFT = "/api/v1/lifts/lift/rmf"
 WANTED = {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}
@@ -170,8 +171,8 @@ def test_an_adapter_with_an_id_has_sessions_of_its_own() -> None:
     assert str(told_of) == str(theirs)
 
 
-@pytest.mark.parametrize("session", ["fleet/amr-7", "amr@fleet", "@", "a@b@c"])
-@pytest.mark.parametrize("adapter", ["", "5", "b1/x.y_z-0"])
+@each_row("session", ["fleet/amr-7", "amr@fleet", "@", "a@b@c"])
+@each_row("adapter", ["", "5", "b1/x.y_z-0"])
 def test_session_and_adapter_are_told_apart_whatever_is_in_a_session_id(session: str, adapter: str) -> None:
     site = FakeSite()
     post(site, "ended", json={**ENDED, "session_id": session, "adapter": adapter})
@@ -227,7 +228,7 @@ def test_a_session_id_is_printable_text_of_1_to_256_characters(
     assert site.changes == []
 
 
-@pytest.mark.parametrize("session", ["x", "x" * 256, " fleet / Röbotér ", "lift_request#0e6b", "日本/1"])
+@each_row("session", ["x", "x" * 256, " fleet / Röbotér ", "lift_request#0e6b", "日本/1"])
 def test_a_session_id_is_passed_on_as_it_is(session: str) -> None:
     site = FakeSite()
     assert post(site, "ended", json={**ENDED, "session_id": session}).status_code == 200

@@ -19,6 +19,7 @@ from lift_manager.web.app import make_app
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen, serve
 from tests.lift_manager.web.fake import ACCEPTED, CALL, REQUEST, FakeSite, connected, serving
+from tests.support.rows import each_row
 
 Loop = Callable[[], asyncio.AbstractEventLoop]
 
@@ -70,7 +71,7 @@ TOO_LONG = b'{"data":{},"success":false,"msg":"the body is too long; at most 655
 CHUNK = b"8000\r\n" + b" " * 0x8000 + b"\r\n"
 
 
-@pytest.mark.parametrize(
+@each_row(
     "sent",
     [
         [head("Transfer-Encoding: chunked\r\n"), CHUNK, CHUNK, CHUNK],
@@ -79,7 +80,6 @@ CHUNK = b"8000\r\n" + b" " * 0x8000 + b"\r\n"
         [head("Content-Length: 1000000\r\nExpect: 100-continue\r\n")],
         [head("Content-Length: 99999999999999999999\r\n")],
     ],
-    ids=["chunks without end", "nothing but a length", "less than declared", "expects 100", "beyond 64 bits"],
 )
 def test_a_body_that_is_or_will_be_too_long_is_answered_before_its_end(sent: list[bytes]) -> None:
     async def main() -> None:
@@ -165,7 +165,7 @@ def test_half_a_request_is_forgotten_in_silence(caplog: pytest.LogCaptureFixture
     assert caplog.records == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     "sent",
     [
         b"\x00\xff\xfe\r\n\r\n",
@@ -175,7 +175,6 @@ def test_half_a_request_is_forgotten_in_silence(caplog: pytest.LogCaptureFixture
         head("Content-Length: many\r\n"),
         head("Content-Length: -1\r\n"),
     ],
-    ids=["noise", "TLS", "version", "raw umlaut", "length no number", "length negative"],
 )
 def test_what_is_no_http_is_answered_400_in_the_envelope(sent: bytes) -> None:
     async def main() -> tuple[bytes, bytes]:
@@ -291,7 +290,7 @@ def test_a_busy_port_is_one_clear_sentence() -> None:
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("host", "port", "said"),
     [
         ("192.0.2.1", 5003, "192.0.2.1 is not an address of this computer, so port 5003 cannot be opened on it"),
@@ -303,7 +302,6 @@ def test_a_busy_port_is_one_clear_sentence() -> None:
         ("127.0.0.1", 65536, "port 65536 does not exist; choose one from 1 to 65535 with --port"),
         ("127.0.0.1", -1, "port -1 does not exist"),
     ],
-    ids=lambda value: repr(value)[:30],
 )
 def test_an_address_that_cannot_be_used_is_one_sentence_with_a_cure(host: str, port: int, said: str) -> None:
     with pytest.raises(ListenError) as caught:

@@ -4,7 +4,6 @@ import json
 from typing import Any
 
 import httpx
-import pytest
 
 from lift_manager.api.keys import Key, KeyRing, digest_of, token
 from lift_manager.api.roles import Role
@@ -16,6 +15,7 @@ from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_sessions import a_command, a_session
 from tests.lift_manager.web.keyed import bearing, ring
+from tests.support.rows import each_row
 
 SESSIONS = "/api/v1/lifts/lift/sessions"
 S1 = f"{SESSIONS}/s1"
@@ -71,7 +71,7 @@ def test_an_idempotency_key_of_nobody_in_particular_is_refused() -> None:
     assert post(site, SESSIONS, json={"idempotency_key": "k1"}, **more).status_code == 201
 
 
-@pytest.mark.parametrize("content", [b"", b"  ", b"{}"])
+@each_row("content", [b"", b"  ", b"{}"])
 def test_who_wants_nothing_special_sends_no_body(content: bytes) -> None:
     site = of(ANYBODY)
     assert post(site, SESSIONS, content=content).status_code == 201
@@ -80,7 +80,7 @@ def test_who_wants_nothing_special_sends_no_body(content: bytes) -> None:
     assert post(site, f"{S1}/close", content=content).status_code == 200
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("role", "robot", "name"),
     [
         (None, None, "anonymous"),
@@ -112,7 +112,7 @@ def test_renew_and_close_and_hand_over_speak_in_the_name_of_the_session() -> Non
     ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("to", "why"),
     [
         ("the robott", "is not the name of a live key"),
@@ -155,7 +155,7 @@ def test_a_command_is_taken_with_202_and_the_address_where_its_outcome_will_be()
     assert site.waited_s == []
 
 
-@pytest.mark.parametrize("wait", ["5", "0.5", "30", "3e1", "+5"])
+@each_row("wait", ["5", "0.5", "30", "3e1", "+5"])
 def test_who_waits_is_answered_once_the_command_has_ended(wait: str) -> None:
     site = of(ANYBODY)
     answer = post(site, f"{S1}/commands?wait={wait.replace('+', '%2B')}", json=GO)
@@ -164,7 +164,7 @@ def test_who_waits_is_answered_once_the_command_has_ended(wait: str) -> None:
     assert site.waited_s == [float(wait)] * 2
 
 
-@pytest.mark.parametrize("wait", ["", "x", "-1", "30.1", "nan", "inf", "1&wait=2", "1" * 5000, f"5&x={'1' * 5000}"])
+@each_row("wait", ["", "x", "-1", "30.1", "nan", "inf", "1&wait=2", "1" * 5000, f"5&x={'1' * 5000}"])
 def test_a_wait_that_is_none_is_422_before_anything_is_asked(wait: str) -> None:
     site = of(ANYBODY)
     for method, url in (("POST", f"{S1}/commands?wait={wait}"), ("GET", f"{S1}/commands/1?wait={wait}")):
@@ -197,7 +197,7 @@ KEYS = KeyRing(
 )
 
 
-@pytest.mark.parametrize("owner", ["amr", "amr/robot", "amr/amr-2"])
+@each_row("owner", ["amr", "amr/robot", "amr/amr-2"])
 def test_a_session_is_its_keys_alone_and_all_others_are_told_what_they_are_told_of_none(owner: str) -> None:
     for name, _ in FLEET:
         site = of(Holder("api", owner))
@@ -218,7 +218,7 @@ def test_a_session_is_its_keys_alone_and_all_others_are_told_what_they_are_told_
         assert (site.done == []) is (name != "amr")
 
 
-@pytest.mark.parametrize("holder", [Holder("ride", "amr"), Holder("workshop", "amr"), Holder("rmf", "rmf")])
+@each_row("holder", [Holder("ride", "amr"), Holder("workshop", "amr"), Holder("rmf", "rmf")])
 def test_a_session_of_another_face_is_none_here_even_with_the_same_key(holder: Holder) -> None:
     site = of(holder)
     refused(ask(site, "GET", S1, keys=KEYS, headers=bearer("amr")), 404, "no_such_session")

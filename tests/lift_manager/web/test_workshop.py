@@ -11,6 +11,7 @@ from lift_manager.lift.state import Quality
 from register_maps.words import Motion
 from tests.lift_manager.web.fake import ACCEPTED, BASE, CALL, REQUEST, STATE, FakeSite, Requested, ask, one_lift
 from tests.lift_manager.web.fake_lifts import IDLE
+from tests.support.rows import each_row
 
 WORKSHOP = Holder("workshop", "workshop")
 
@@ -53,18 +54,15 @@ def test_a_state_may_not_be_cached() -> None:
     assert ask(FakeSite(), "GET", f"{STATE}?lift_name=lift").headers["cache-control"] == "no-store"
 
 
-@pytest.mark.parametrize(
-    ("door", "number"), [(RobotDoor.CLOSED, 0), (RobotDoor.MOVING, 1), (RobotDoor.OPEN, 2)], ids=str
-)
+@each_row(("door", "number"), [(RobotDoor.CLOSED, 0), (RobotDoor.MOVING, 1), (RobotDoor.OPEN, 2)])
 def test_the_door_is_the_number_of_rmf_lift_msgs(door: RobotDoor, number: int) -> None:
     answer = ask(one_lift(replace(IDLE, robot_door=door)), "GET", f"{STATE}?lift_name=lift")
     assert answer.json()["data"]["door_state"] == number
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("motion", "number"),
     [(Motion.STOPPED, 0), (Motion.UP, 1), (Motion.DOWN, 2), (Motion.UNKNOWN, 3), (Motion.MOVING, 3)],
-    ids=str,
 )
 def test_the_motion_is_the_number_of_rmf_lift_msgs(motion: Motion, number: int) -> None:
     answer = ask(one_lift(replace(IDLE, motion=motion)), "GET", f"{STATE}?lift_name=lift")
@@ -90,7 +88,7 @@ def test_a_lift_is_found_percent_encoded_and_a_floor_that_is_not_ascii_is_writte
     assert '"available_floors":["Erdgeschoß"],"current_floor":"Erdgeschoß"'.encode() in answer.content
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("age_s", "reason", "msg"),
     [
         (
@@ -105,7 +103,6 @@ def test_a_lift_is_found_percent_encoded_and_a_floor_that_is_not_ascii_is_writte
         ),
         (60.0, "", 'lift "lift" is offline, last reading 60.0 s ago: no reason known'),
     ],
-    ids=["silent", "never seen", "no reason"],
 )
 def test_an_offline_lift_says_its_age_and_the_reason_and_nothing_old(
     age_s: float | None, reason: str, msg: str
@@ -119,7 +116,7 @@ def test_an_offline_lift_says_its_age_and_the_reason_and_nothing_old(
 LIFTS = "lift_name must be one of: lift, goods"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("query", "msg"),
     [
         ("?lift_name=elevator", f'unknown lift "elevator"; {LIFTS}'),
@@ -140,7 +137,6 @@ LIFTS = "lift_name must be one of: lift, goods"
         ("?lift_name=lift&lift_name=lift", "lift_name is given 2 times; give it once, as one of: lift, goods"),
         (f"?lift_name={'x' * 5000}", "the query is longer than 4096 bytes; lift_name must be one of: lift, goods"),
     ],
-    ids=lambda value: str(value)[:40].encode("ascii", "backslashreplace").decode(),
 )
 def test_a_wrong_lift_name_is_told_the_right_ones(query: str, msg: str) -> None:
     manager = FakeSite()
@@ -155,7 +151,7 @@ def test_further_query_parameters_are_ignored() -> None:
     assert ask(FakeSite(), "GET", f"{STATE}?verbose=1&lift_name=lift").json()["success"] is True
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "floor", "hold"),
     [
         (CALL, "L2", False),
@@ -170,7 +166,6 @@ def test_further_query_parameters_are_ignored() -> None:
         ('{"floor":"Erdgeschoß","door_state":2}'.encode(), "Erdgeschoß", True),
         (b'{"floor":"","door_state":2}', "", True),
     ],
-    ids=lambda value: repr(value)[:50],
 )
 def test_a_request_is_handed_on_as_asked(body: bytes, floor: str, hold: bool) -> None:
     content, asked = post(body)
@@ -178,7 +173,7 @@ def test_a_request_is_handed_on_as_asked(body: bytes, floor: str, hold: bool) ->
     assert asked == [Requested("lift", WORKSHOP, floor, hold_door=hold)]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "content_type",
     ["application/json", "application/x-www-form-urlencoded", "text/plain", "multipart/form-data", "", "nonsense"],
 )
@@ -197,7 +192,7 @@ def wrong_door(shown: str) -> str:
     return f"door_state must be {DOOR}, not {shown}"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "msg"),
     [
         (b'{"floor":"L2","door_state":1}', wrong_door("1")),
@@ -247,7 +242,6 @@ def wrong_door(shown: str) -> str:
         (b'{"floor":"L2","door_state":' + b"2" * 5000 + b"}", f"the body holds a number that is too long; {EXPECTED}"),
         (b"[" * 60_000, f"the body is nested too deeply; {EXPECTED}"),
     ],
-    ids=lambda value: repr(value)[:60],
 )
 def test_a_wrong_request_is_told_what_is_allowed_and_reaches_nobody(body: bytes, msg: str) -> None:
     content, asked = post(body)
@@ -280,7 +274,7 @@ def test_the_lift_is_named_to_the_manager_as_it_knows_it() -> None:
     assert [entry.lift for entry in manager.requests] == ["goods"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "headers",
     [
         {"origin": "http://elsewhere.example"},
@@ -289,7 +283,6 @@ def test_the_lift_is_named_to_the_manager_as_it_knows_it() -> None:
         {"sec-fetch-site": "cross-site", "origin": "http://192.0.2.7"},
         {"sec-fetch-site": "same-site"},
     ],
-    ids=str,
 )
 def test_a_web_page_of_another_site_cannot_call_the_lift(headers: dict[str, str]) -> None:
     content, asked = post(CALL, headers={"host": "192.0.2.7", **headers})
