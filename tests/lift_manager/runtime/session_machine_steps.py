@@ -26,6 +26,8 @@ class Stayers:
     opened: list[SessionInfo] = field(default_factory=list)
     pending: list[tuple[SessionInfo, str]] = field(default_factory=list)
     """Requests of the process that runs."""
+    floors: dict[str, str] = field(default_factory=dict)
+    """Where each session was last sent; its robot's words and renewals leave that as it is."""
 
     def open(self, site: Site, waits: Queue, holder: Holder, ttl_s: float | None, at: float) -> None:
         """Open a session; a caller that is refused learns the right reason. `waits` is the queue before."""
@@ -61,7 +63,9 @@ class Stayers:
         live = _live(site, session)
         if live:
             # heard before it is done: what follows from it may follow at once
-            self._tell(session.holder, floor if goes else "", at)
+            if goes:
+                self.floors[session.id] = floor
+            self._tell(session.holder, self.floors.get(session.id, ""), at)
         answer = reply(site.command, self.lift, request)
         assert live or isinstance(answer, RequestRefused)
         if isinstance(answer, CommandStatus):
@@ -72,7 +76,7 @@ class Stayers:
         if self.opened:
             session = self.opened[which % len(self.opened)]
             if live := _live(site, session):
-                self._tell(session.holder, "", at)
+                self._tell(session.holder, self.floors.get(session.id, ""), at)
             answer = reply(site.renew_session, self.lift, session.id, session.holder, None)
             assert live is not isinstance(answer, RequestRefused)
 
