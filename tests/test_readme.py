@@ -73,9 +73,9 @@ def ride_by(call: str, look: str, release: str) -> None:
     assert state()["current_floor"] == "L1"
     assert shell(call) == ANSWERED
     assert state()["destination_floor"] == "L2"
-    eventually(lambda: (state()["current_floor"], state()["door_state"]) == ("L2", 2))
+    eventually(lambda: (now := state())["current_floor"] == "L2" and now["door_state"] == 2, every_s=0.25)
     assert shell(release) == ANSWERED
-    eventually(lambda: state()["door_state"] == 0)
+    eventually(lambda: state()["door_state"] == 0, every_s=0.25)
 
 
 def test_every_command_of_the_readme_and_of_the_tutorials_is_run_by_some_test() -> None:

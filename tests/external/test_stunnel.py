@@ -23,7 +23,7 @@ from drivers.modbus.wire import PymodbusWire
 from register_maps import frames
 from register_maps.words import Table
 from tests.support.certificates import Authority, Shown
-from tests.support.programs import Program, Started, eventually, free_port, run, run_anew, started
+from tests.support.programs import Program, Started, eventually, free_port, run, started
 
 pytestmark = pytest.mark.external("stunnel4", "openssl")
 
@@ -88,11 +88,6 @@ def tls(authority: Authority) -> LinkTls:
     return LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key)
 
 
-on_both_loops = pytest.mark.parametrize(
-    "loop", [asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"]
-)
-
-
 def on(loop: Callable[[], asyncio.AbstractEventLoop], main: Coroutine[Any, Any, None]) -> None:
     async def limited() -> None:
         async with asyncio.timeout(LIMIT_S):
@@ -107,8 +102,11 @@ async def seen(true: Callable[[], bool]) -> None:
         await asyncio.sleep(0.01)
 
 
-@on_both_loops
-@pytest.mark.parametrize("newest", ["TLSv1.2", "TLSv1.3"])
+@pytest.mark.parametrize(
+    ("loop", "newest"),
+    [(asyncio.new_event_loop, "TLSv1.2"), (uvloop.new_event_loop, "TLSv1.3")],
+    ids=["asyncio, TLS 1.2", "uvloop, TLS 1.3"],
+)
 def test_registers_are_read_and_written_and_a_lost_tunnel_heals_by_itself(
     loop: Callable[[], asyncio.AbstractEventLoop],
     newest: str,
@@ -240,7 +238,7 @@ lifts:
 
 
 def test_the_role_in_a_certificate_reaches_the_controller_and_is_shown_by_check(recipe: Path) -> None:
-    done = run_anew("check", site(recipe, 802))
+    done = run("check", site(recipe, 802))
     assert (done.returncode, done.stderr) == (0, "")
     assert "plc: Modbus/TCP Security, as 'LiftManager', certificate until 20" in done.stdout
     # openssl's own server, which prints what it was shown

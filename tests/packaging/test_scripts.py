@@ -150,14 +150,14 @@ def test_a_demo_environment_is_completed_by_test_and_then_serves_both(machine: M
     assert machine.installs == []
 
 
-@pytest.mark.parametrize("changed", ["pyproject.toml", "constraints/run.txt", "constraints/dev.txt"])
-def test_what_changed_is_installed_into_the_same_environment(machine: Machine, changed: str) -> None:
+def test_what_changed_is_installed_into_the_same_environment(machine: Machine) -> None:
     machine.run("test", "tests")
-    with (machine.repo / changed).open("a") as file:
-        file.write("# changed\n")
-    machine.run("demo")
-    assert machine.installs == ["dev.txt"], "a test environment stays one"
-    assert machine.lines("python -m venv") == []
+    for changed in ("pyproject.toml", "constraints/run.txt", "constraints/dev.txt"):
+        with (machine.repo / changed).open("a") as file:
+            file.write("# changed\n")
+        machine.run("demo")
+        assert machine.installs == ["dev.txt"], f"{changed}: a test environment stays one"
+        assert machine.lines("python -m venv") == []
 
 
 def test_another_python_version_gets_a_new_environment(machine: Machine) -> None:
@@ -217,7 +217,7 @@ def test_an_old_python_is_answered_with_one_sentence_that_says_what_to_install(m
     assert not (machine.repo / ".venv").exists()
 
 
-@pytest.mark.parametrize("version", ["2.7", "3.9", "3.10"])
+@pytest.mark.parametrize("version", ["2.7", "3.10"])
 def test_where_python3_is_too_old_a_newer_one_beside_it_is_used(machine: Machine, version: str) -> None:
     machine.add_python("python3", version=version)
     machine.add_python("python3.14", version="3.14")

@@ -62,6 +62,7 @@ from simulator.wire_faults import (
     WrongUnit,
     faulty,
 )
+from tests.support.rows import each_row
 from tests.support.virtual_time import run_virtual
 
 SHORT_S = 0.08
@@ -249,7 +250,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+@each_row("case", CASES)
 def test_the_link_sees_the_same_in_memory_and_over_tcp(way: Way, case: Case) -> None:
     async def check(bench: Bench) -> None:
         async with bench.link(SHORT_S if "time-out" in (case.first, case.second) else LONG_S) as link:
@@ -320,7 +321,7 @@ TRAPS: list[list[WireFault]] = [
 ]
 
 
-@pytest.mark.parametrize("faults", TRAPS, ids=lambda faults: "+".join(type(fault).__name__ for fault in faults))
+@each_row("faults", TRAPS)
 def test_no_wrong_answer_is_taken_and_no_write_is_repeated(way: Way, faults: list[WireFault]) -> None:
     async def check(bench: Bench) -> None:
         seen: list[str] = []

@@ -23,6 +23,7 @@ from register_maps.words import Motion
 from simulator.registers import BEATS_PER_S
 from simulator.state import ShownState
 from tests.support import second_controllers
+from tests.support.rows import each_row
 from tests.support.second_controllers.cast import CAST
 from tests.support.second_controllers.lift import NaiveLift, Shows, Still
 from tests.support.trip import Trip, on_trip
@@ -41,7 +42,7 @@ words, and on one that has none, for there the map makes no difference."""
 SOURCES = sorted(Path(second_controllers.__path__[0]).glob("*.py"))
 
 
-@pytest.mark.parametrize(("name", "in_words"), TRIPS)
+@each_row(("name", "in_words"), TRIPS)
 def test_a_robot_is_invited_only_where_the_lift_stands_open_for_it_and_everything_is_let_go(
     name: str, in_words: bool
 ) -> None:
@@ -66,18 +67,18 @@ def test_every_map_with_commands_for_the_words_of_a_robot_is_ridden_without_them
     assert tuple(name for name in RIDEABLE if "robot_in_place" in load(name).map.commands) == HEARS_WORDS
 
 
-@pytest.mark.parametrize("name", sorted(COMPLETIONS))
+@each_row("name", sorted(COMPLETIONS))
 def test_a_map_that_is_completed_is_none_that_could_do_without(name: str) -> None:
     loaded = load(name)
     assert [*loaded.unset, *loaded.map.needs, *lacking(compile_map(loaded.map))] != []
 
 
-@pytest.mark.parametrize("name", sorted(NO_TRIP))
+@each_row("name", sorted(NO_TRIP))
 def test_a_map_that_makes_no_trip_has_no_door(name: str) -> None:
     assert [signal for signal in load(name).map.signals if signal.startswith("door.")] == []
 
 
-@pytest.mark.parametrize("name", sorted(COMPLETIONS))
+@each_row("name", sorted(COMPLETIONS))
 def test_a_map_that_lacks_something_and_is_not_told_what_fails(name: str) -> None:
     with pytest.raises(Incomplete, match=f"{name} has no "):
         site_of(name, {})
@@ -129,7 +130,7 @@ def test_every_shipped_map_has_a_second_controller() -> None:
     assert sorted(CAST) == list(shipped())
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
+@each_row("path", SOURCES)
 def test_a_second_controller_uses_nothing_but_the_standard_library_and_its_own_kind(path: Path) -> None:
     imported = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -154,7 +155,7 @@ def ridden(name: str, *, in_words: bool) -> tuple[SecondPlant, Trip]:
     return plant, on_trip(check, site, plant, in_words=in_words)
 
 
-@pytest.mark.parametrize(("name", "in_words"), TRIPS)
+@each_row(("name", "in_words"), TRIPS)
 def test_a_robot_makes_its_trip_on_the_second_controller_too(name: str, in_words: bool) -> None:
     plant, made = ridden(name, in_words=in_words)
     assert made.opened > 80
@@ -162,7 +163,7 @@ def test_a_robot_makes_its_trip_on_the_second_controller_too(name: str, in_words
     assert plant.lift.shows.floor == list(made.site.floors).index(stops(made.site)[1])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "command", "for_s"),
     [
         ("adam-pushbutton", "go_to", 0.5),
@@ -179,7 +180,7 @@ def test_a_press_lasts_as_long_as_its_source_says(name: str, command: str, for_s
     assert gone - pressed[0] == pytest.approx(for_s, abs=0.21)
 
 
-@pytest.mark.parametrize("name", ["seer-siemens-chengdu", "seer-siemens-chengdu-block"])
+@each_row("name", ["seer-siemens-chengdu", "seer-siemens-chengdu-block"])
 def test_the_permission_to_leave_invites_nobody_in_and_that_to_enter_nobody_out(name: str) -> None:
     site = site_of(name)
     lift = NaiveLift(len(site.floors))
@@ -248,7 +249,7 @@ def _follows(floor: int, number: int, plant: SimulatedPlant, trip: Trip) -> bool
     return any(floor in {*picture.car_calls, picture.destination, picture.level_floor} for picture in soon)
 
 
-@pytest.mark.parametrize("name", RIDEABLE)
+@each_row("name", RIDEABLE)
 def test_the_second_controller_answers_every_byte_of_a_trip_alike_and_hears_the_same_commands(name: str) -> None:
     plant, trip = simulated_trip(name, in_words=True)
     pickup, destination = (list(trip.site.floors).index(floor) for floor in stops(trip.site))
@@ -292,7 +293,7 @@ EDGES = (0, 8, 16, 20, 29, 99, 104, 200, 384, 512, 1024, 4096, 4108, 4144, 10001
 """Numbers at, before and after which some device begins or ends."""
 
 
-@pytest.mark.parametrize("name", sorted(CAST))
+@each_row("name", sorted(CAST))
 def test_both_answer_for_the_same_addresses_and_refuse_all_others_alike(name: str) -> None:
     site = site_of(name)
     plant = SimulatedPlant(site)
@@ -335,7 +336,7 @@ def every_write(site: Site) -> Iterator[tuple[str, Request]]:
                     yield block.endpoint, timed_pulse(command, block, unit)
 
 
-@pytest.mark.parametrize("name", sorted(CAST))
+@each_row("name", sorted(CAST))
 def test_both_hear_every_command_to_every_floor_alike_and_read_it_back_alike(name: str) -> None:
     site = site_of(name)
     plant = SimulatedPlant(site)

@@ -16,7 +16,7 @@ from lift_manager.lab.bench import LiftSite
 from lift_manager.lift.occupancy import RobotWord
 from tests.support.programs import LIFT_MANAGER, Started, call, free_port, run
 
-pytestmark = pytest.mark.lift("main", speed=5)
+pytestmark = pytest.mark.lift("main", speed=20)
 RIDE = ("ride", "any", "L2", "L3", "--robot", "amr-7", "--manager")
 
 

@@ -13,7 +13,7 @@ LIFT = "lift"
 Speaks = Callable[[str], AbstractAsyncContextManager[Speaker]]
 Works = Callable[[Speaker], Awaitable[None]]
 
-pytestmark = pytest.mark.lift(LIFT, speed=5)
+pytestmark = pytest.mark.lift(LIFT, speed=20)
 
 
 @pytest.fixture(params=[by_hand, typed])

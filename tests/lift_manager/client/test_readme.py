@@ -15,7 +15,7 @@ from tests.support.programs import ROOT
 PAGE = (ROOT / "docs" / "reference" / "python-client.md").read_text("utf-8")
 
 
-@pytest.mark.lift("main", speed=5)
+@pytest.mark.lift("main", speed=20)
 def test_the_ride_of_the_page_gets_there(lift_site: LiftSite, tmp_path: Path) -> None:
     (program,) = (block for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "asyncio.run" in block)
     assert len([line for line in program.splitlines() if line.strip()]) <= 15

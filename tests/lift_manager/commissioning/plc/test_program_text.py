@@ -22,12 +22,20 @@ from tests.support.rows import each_row
 
 each_map = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.map_name)
 FLOORS = {"B1": -1, "L1": 1, "L2": 2}
+FLOORS_OF_COILS = {"B1": 0, "L1": 1}
 
 
 def changed(change: Callable[[dict[str, Any]], object], name: str = "generic-registers") -> RegisterMap:
     given = yaml.safe_load((MAPS / f"{name}.yaml").read_text())
     change(given)
     return RegisterMap.model_validate(given)
+
+
+def without_doors(given: dict[str, Any]) -> None:
+    for name in ("alive", "door.front", "obstruction.front", "overload", "destination", "call_accepted"):
+        given["signals"].pop(name, None)
+    for name in ("hold_door.front", "close_door.front"):
+        del given["commands"][name]
 
 
 @each_map
@@ -60,9 +68,9 @@ def twincat_takes(text: str, folder: Path) -> bool:
     )
 
 
-@each_map
-def test_a_parser_for_twincat_takes_it(layout: Layout, tmp_path: Path) -> None:
-    assert twincat_takes(program(layout).st, tmp_path)
+def test_a_parser_for_twincat_takes_it_in_words_and_in_bits(tmp_path: Path) -> None:
+    of_coils = render(changed(without_doors, "generic-coils"), FLOORS_OF_COILS)
+    assert twincat_takes(program(REGISTERS).st + of_coils.st, tmp_path)
 
 
 def test_a_parser_for_twincat_refuses_a_broken_program(tmp_path: Path) -> None:
@@ -136,13 +144,7 @@ def test_times_and_values_come_from_the_map() -> None:
 
 
 def test_a_map_without_doors_commands_and_counters_gives_a_smaller_program() -> None:
-    def small(given: dict[str, Any]) -> None:
-        for name in ("alive", "door.front", "obstruction.front", "overload", "destination", "call_accepted"):
-            del given["signals"][name]
-        for name in ("hold_door.front", "close_door.front"):
-            del given["commands"][name]
-
-    machine = Machine(render(changed(small), FLOORS).st)
+    machine = Machine(render(changed(without_doors), FLOORS).st)
     assert not {"DoorOpenButton", "DoorOpenLimit", "DoorwayClear", "CallLamp1", "Beats"} & machine.types.keys()
     machine.scan(0.0)
 
