@@ -33,7 +33,10 @@ def ride(remote: RemoteManager, listener: RecordingListener) -> None:
     is_there = False
     while not is_there:
         remote.send(WANTED)
-        assert holder_once_shown(listener, listener.next_answer()) == HeldBy("rmf", SESSION)
+        answer = listener.next_answer()
+        if answer.code == "offline":
+            continue  # on a computer too busy to read its lift in time RMF asks again, too
+        assert holder_once_shown(listener, answer) == HeldBy("rmf", SESSION)
         for _ in range(3):
             lift = listener.next_site().site.lifts[0]
             is_there = (lift.door, lift.floor) == ("open", WANTED.floor)
