@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lift_manager.commissioning.wording import one_line
-from lift_manager.config.load import check_file
+from lift_manager.config.load import map_report
 from register_maps.load import LoadedMap, load
 
 
@@ -13,7 +13,7 @@ def report(name_or_path: str) -> list[str]:
     """Check a shipped map by its name, or a file. Raises MapFileError with every finding."""
     loaded = load(name_or_path)
     missing = [f"a site must add: {name}: {one_line(why)}" for name, why in loaded.map.needs.items()]
-    return [*unset_text(loaded), *missing, *check_file(loaded.path)]
+    return [*unset_text(loaded), *missing, *map_report(loaded)]
 
 
 def unset_text(loaded: LoadedMap) -> Iterator[str]:

@@ -166,11 +166,7 @@ def check_file(
     `obstacles` finds what prevents the use of a correct site file; `for_rmf` is as for `load_site`.
     """
     if _is_map(read(path, number_keys=lambda _: True).data):
-        loaded = load(path)
-        return [
-            *(f"caution: {warning}" for warning in loaded.warnings),
-            f"{path}: {_map_text(loaded.map)}: no mistakes",
-        ]
+        return map_report(load(path))
     loaded_site = load_site(path, for_rmf=for_rmf)
     if blocking := tuple(obstacles(loaded_site)):
         raise MapFileError(blocking)
@@ -179,6 +175,14 @@ def check_file(
     for name, lift in loaded_site.site.lifts.items():
         lines.append(f"{name}: {lift.access}, floors {', '.join(lift.floors)}, {_map_text(loaded_site.maps[name].map)}")
     return [*lines, f"{path}: no mistakes"]
+
+
+def map_report(loaded: LoadedMap) -> list[str]:
+    """Return the cautions about a correct map, and its summary."""
+    return [
+        *(f"caution: {warning}" for warning in loaded.warnings),
+        f"{loaded.path}: {_map_text(loaded.map)}: no mistakes",
+    ]
 
 
 def _lift_cautions(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:

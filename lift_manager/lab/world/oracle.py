@@ -237,12 +237,12 @@ class Oracle:
             text = f"{names}, {for_s:.2f} s after the mode became {truth.mode}"
             if truth.mode not in watched.about.shows.modes:
                 self.excuse_finding(lift, "pressed in a forbidden mode", unreported_mode(truth.mode))
-            elif not self._was_frozen(watched, lift, "pressed in a forbidden mode", watched.mode_since, at):
+            elif not self._was_frozen(lift, "pressed in a forbidden mode", watched.mode_since, at):
                 self.report(at, lift, "pressed in a forbidden mode", text, SuspectValues.MODE)
         barred = truth.bars & watched.about.shows.bars
         if barred and (for_s := self._known_for(watched, watched.bars_since, at)) is not None:
             text = f"{names}, {for_s:.2f} s after {', '.join(sorted(barred))} kept robots off"
-            if not self._was_frozen(watched, lift, "pressed while kept off", watched.bars_since, at):
+            if not self._was_frozen(lift, "pressed while kept off", watched.bars_since, at):
                 self.report(at, lift, "pressed while kept off", text)
 
     def on_exchange(self, at: float, controller: str, exchange: Exchange) -> None:
@@ -335,7 +335,10 @@ class Oracle:
 
     def frozen_by(self, lift: str, since: float, at: float) -> str | None:
         """Return which fault has kept the registers as they were before `since`; None if none has."""
-        return _frozen_by(self._lifts[lift], since, at)
+        for fault in self._lifts[lift].faults:
+            if fault.name in FROZEN_FAULTS and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
+                return fault.name
+        return None
 
     # -- how it is judged
 
@@ -439,9 +442,9 @@ class Oracle:
         known = clean_s > MODE_KNOWN_WITHIN_S or for_s > watched.about.max_age_s + ANSWER_TAKES_S
         return for_s if known else None
 
-    def _was_frozen(self, watched: _WatchedLift, lift: str, rule: str, since: float, at: float) -> bool:
+    def _was_frozen(self, lift: str, rule: str, since: float, at: float) -> bool:
         """Excuse a finding about a change after the registers froze: they cannot show it."""
-        name = _frozen_by(watched, since, at)
+        name = self.frozen_by(lift, since, at)
         if name is not None:
             self.excuse_finding(lift, rule, name)
         return name is not None
@@ -592,14 +595,6 @@ class Oracle:
                 self.excuse_finding(finding.lift, finding.rule, fault.name)
                 return
         self.findings.append(finding)
-
-
-def _frozen_by(watched: _WatchedLift, since: float, at: float) -> str | None:
-    """Return which fault has kept the registers as they were before `since`; None if none has."""
-    for fault in watched.faults:
-        if fault.name in FROZEN_FAULTS and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
-            return fault.name
-    return None
 
 
 def _false_claims(
