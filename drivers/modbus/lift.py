@@ -17,6 +17,7 @@ from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.foreign_writes import ForeignWriteCheck
 from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.link import Link
+from drivers.modbus.output_worker import OutputWorker
 from drivers.modbus.outputs import Outputs
 from drivers.modbus.permission import Permissions, closes_to_release
 from drivers.modbus.plan import plan_poll
@@ -26,7 +27,6 @@ from drivers.modbus.reports import DriverReports
 from drivers.modbus.signals import Signals
 from drivers.modbus.units import Unit, Units
 from drivers.modbus.write_reports import WriteReports
-from drivers.modbus.write_worker import OutputWorker
 from drivers.modbus.writer import Writer
 from drivers.model import (
     Command,
