@@ -155,6 +155,8 @@ class World:
         self._clock = clock or office_hours
         self._program: list[asyncio.Task[None]] = []
         """The tasks of the manager."""
+        self._restarting = asyncio.Lock()
+        """A manager that is killed may wait for its disk, and the next one starts after that."""
         self._subscriptions = ExitStack()
         """Subscriptions to everything that the manager publishes."""
         self.site: Site
@@ -263,10 +265,13 @@ class World:
 
     async def restart(self) -> None:
         """Kill the manager as `kill -9` does, without releases, and restart it with what is on the disk."""
-        program, self._program = self._program, []
-        for task in program:
+        async with self._restarting:
+            await self._restart()
+
+    async def _restart(self) -> None:
+        for task in self._program:
             task.cancel()
-        await asyncio.gather(*program, return_exceptions=True)
+        await asyncio.gather(*self._program, return_exceptions=True)
         for controller in self._controllers.values():
             controller.hang_up()
         self._subscriptions.close()

@@ -221,6 +221,14 @@ def test_what_a_killed_manager_still_hears_of_changes_nothing_that_the_next_one_
     in_world(check)
 
 
+def test_one_manager_is_left_of_two_restarts_at_once() -> None:
+    async def check(world: World) -> None:
+        await asyncio.gather(world.restart(), world.restart())
+        await elapse(5)
+
+    in_world(check)  # a manager that nobody ends would keep it from ending
+
+
 def test_no_word_of_a_person_is_missed_around_a_restart() -> None:
     async def check(world: World) -> None:
         world.site.lock_out("lift", "somebody", "ropes")
