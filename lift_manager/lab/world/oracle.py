@@ -425,7 +425,9 @@ class Oracle:
         if not found:
             return
         for fault in watched.faults:
-            if fault.name in FROZEN_FAULTS and since <= fault.ended_at and at <= fault.until:
+            # once the registers move again nothing tells that an answer from before that was of frozen ones
+            is_to_be_noticed = fault.until < at < fault.ended_at
+            if fault.name in FROZEN_FAULTS and since <= fault.ended_at and not is_to_be_noticed:
                 wider = list(watched.history.during(min(since, fault.since), at))
                 still = {rule for rule, _, _ in _false_claims(state, watched.about, wider, floors)}
                 for rule, _, _ in found:

@@ -270,6 +270,21 @@ def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_
     assert oracle.excused == ({} if found else {("lift", "said open and was not", "frozen_registers"): 1})
 
 
+@pytest.mark.parametrize(("age_s", "found"), [(0.5, []), (0.2, ["said open and was not"])])
+def test_an_answer_from_frozen_registers_that_came_after_they_moved_again_shows_what_they_showed(
+    age_s: float, found: list[str]
+) -> None:
+    # whatever shows that registers stand still shows by then that they move
+    oracle = judge(excuses=frozen(2.0))
+    polled(oracle, 2.0)
+    oracle.on_fault(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+    polled(oracle, 6.0, SHUT, since=2.2)
+    oracle.on_fault(6.0, FaultChange("lift", FrozenRegisters(), began=False))
+    polled(oracle, 6.4, SHUT, since=6.2)
+    oracle.on_state(6.3, "lift", state(age_s=age_s))
+    assert rules(oracle) == found
+
+
 def test_a_fault_excuses_nothing_but_its_own_lies() -> None:
     oracle = judge(excuses={"lost_press": Excuse(frozenset({SuspectValues.EFFECT}), None)})
     polled(oracle, 2.0, SHUT)
