@@ -67,10 +67,10 @@ class LiftOutputs:
         """
         presses = self._take_actions(actions, not_recorded=not_recorded)
         for pending in record.presses:
-            if pending.sequence <= record.committed and pending.id in self._waiting:
-                press = self._waiting.pop(pending.id)
+            if pending.sequence <= record.committed and (press := self._waiting.get(pending.id)) is not None:
                 self._sent[press.id] = press.command
                 self._driver.press(press.id, press.command, press.leave_by)
+                del self._waiting[press.id]  # only now: that the driver has it is no news, since it counts as requested
         # what falls by its own time, because the lift is not read, begins again only once it is renewed
         requested = {one: hold for one, hold in outputs(self._config, record).items() if hold.until > moment.now}
         before = self._holds.declared
@@ -91,9 +91,11 @@ class LiftOutputs:
     # -- what the driver reports
 
     def changed(self, name: str, state: OutputState) -> None:
-        """Note the state of an output."""
+        """Note the state of an output, as an input if it is another one for the rules."""
+        before = self.shown
         self._holds.states[name] = state
-        self._inbox.put(OutputChanged(self.shown))
+        if (after := self.shown) != before:
+            self._inbox.put(OutputChanged(after))
 
     def written(self, name: str) -> None:
         """Note that an output was put on."""
