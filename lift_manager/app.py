@@ -54,7 +54,6 @@ from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.limits import connections_limit
 from lift_manager.web.server import serve
 from lift_manager.web.tls import ServerCertificates, ServerTls
-from register_maps.codec import compile_map
 from register_maps.schema import LinkDefaults
 
 _log = logging.getLogger(__name__)
@@ -284,8 +283,7 @@ def poll_patience_s(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, fl
         for name, spec in loaded.site.lifts.items()
     }
     found = {}
-    for name, spec in loaded.site.lifts.items():
-        codec = compile_map(loaded.maps[name].map, offset=spec.offset)
+    for name, codec in loaded.codecs.items():
         outputs = {point.cell for command in codec.commands.values() for point in command.read_points}
         settings = [link_of[controller].settings for controller in used[name]]
         found[name] = patience_s(
@@ -427,4 +425,4 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusL
         max_registers_per_read=min(need.max_registers_per_read for need in needs),
         max_bits_per_read=min(need.max_bits_per_read for need in needs),
     )
-    return ModbusLift(compile_map(source, offset=spec.offset), own.link, settings, endpoints=lines)
+    return ModbusLift(loaded.codecs[name], own.link, settings, endpoints=lines)

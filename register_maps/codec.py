@@ -6,8 +6,8 @@ each map's source.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
 
@@ -47,6 +47,8 @@ class Codec:
     """Offset of each table of the controller."""
     written: tuple[Written, ...] = ()
     """Blocks that are always written as a whole."""
+    _layouts: dict[tuple[Block, ...], _Layout] = field(default_factory=dict, compare=False, repr=False)
+    """Where the signals lie in a poll, by its blocks: lifts that are read alike share it."""
 
     @property
     def signal_points(self) -> tuple[Point, ...]:
@@ -55,23 +57,34 @@ class Codec:
 
     def reader(self, blocks: Sequence[Block]) -> Reader:
         """Return a decoder for polls that read these blocks in this order."""
-        return Reader(tuple(self.signals.values()), tuple(blocks))
+        read = tuple(blocks)
+        if read not in self._layouts:
+            self._layouts[read] = _layout(tuple(self.signals.values()), read)
+        return Reader(self._layouts[read])
 
     def empty_image(self) -> dict[str, list[int]]:
         """Return a register image of zeros for all served addresses."""
         return {space: [0] * max((r.stop for r in ranges), default=0) for space, ranges in self.served.items()}
 
 
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where each signal's bits lie in a poll, read as one number; the lists go together."""
+
+    names: list[str]
+    decode: list[Callable[[int], Value | Unlisted]]
+    places: list[list[tuple[int, int, int]]]
+    """Shift there, mask, shift in the raw integer; for each point of a signal."""
+    masks: list[int]
+    """Which bits of a poll are each signal's."""
+
+
 class Reader:
     """Turns the payloads of polls into values; decodes only what has changed."""
 
-    def __init__(self, signals: tuple[SignalCodec, ...], blocks: tuple[Block, ...]) -> None:
-        """Compute where each signal's bits lie in the blocks."""
-        self._names = [signal.name for signal in signals]
-        self._decode = [signal.decode for signal in signals]
-        self._places = [_places(signal, blocks) for signal in signals]
-        self._masks = [reduce(or_, (mask << shift for shift, mask, _ in places)) for places in self._places]
-        """Which bits of a poll are each signal's."""
+    def __init__(self, layout: _Layout) -> None:
+        """Begin without a poll."""
+        self._layout = layout
         self._payloads: tuple[bytes, ...] = ()
         self._bits = 0
         """The payloads, joined and read as one number."""
@@ -87,13 +100,13 @@ class Reader:
         bits = int.from_bytes(b"".join(payloads), "big")
         differ = bits ^ self._bits if self._payloads else -1
         changed: dict[str, Value] = {}
-        unlisted = self.unlisted
-        for index in [index for index, mask in enumerate(self._masks) if mask & differ]:
+        unlisted, layout = self.unlisted, self._layout
+        for index in [index for index, mask in enumerate(layout.masks) if mask & differ]:
             raw = 0
-            for shift, mask, to in self._places[index]:
+            for shift, mask, to in layout.places[index]:
                 raw |= (bits >> shift & mask) << to
-            name = self._names[index]
-            value = self._decode[index](raw)
+            name = layout.names[index]
+            value = layout.decode[index](raw)
             if isinstance(value, Unlisted):
                 unlisted = unlisted | {name: raw}
                 value = None
@@ -113,7 +126,7 @@ class Reader:
         bits = self._bits
         return {
             name: reduce(or_, ((bits >> shift & mask) << to for shift, mask, to in places))
-            for name, places in zip(self._names, self._places, strict=True)
+            for name, places in zip(self._layout.names, self._layout.places, strict=True)
         }
 
 
@@ -144,8 +157,18 @@ def compile_map(source: RegisterMap, *, offset: Mapping[Table, int] | None = Non
     return Codec(source, signals, commands, served, offset or {}, written)
 
 
+def _layout(signals: tuple[SignalCodec, ...], blocks: tuple[Block, ...]) -> _Layout:
+    """Return where the bits of these signals lie in a poll of these blocks."""
+    places = [_places(signal, blocks) for signal in signals]
+    return _Layout(
+        [signal.name for signal in signals],
+        [signal.decode for signal in signals],
+        places,
+        [reduce(or_, (mask << shift for shift, mask, _ in bits)) for bits in places],
+    )
+
+
 def _places(signal: SignalCodec, blocks: tuple[Block, ...]) -> list[tuple[int, int, int]]:
-    """Return where a signal's bits lie in a poll read as one number: (shift there, mask, shift in the raw integer)."""
     lengths = [(block.count + 7) // 8 if block.table in BIT_TABLES else 2 * block.count for block in blocks]
     places, to = [], 0
     for point in signal.points:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_left
-from collections import deque
 from collections.abc import Callable
 
 from drivers.errors import (
@@ -100,8 +99,8 @@ class Exchange:
         self._gap_s = settings.min_gap_s
         self._tid_echo = settings.tid_echo
         self._sent_before = stats.transactions
-        self._commands: deque[_Job] = deque()
-        self._reads: deque[_Job] = deque()
+        self._commands: list[_Job] = []
+        self._reads: list[_Job] = []
         self._job: _Job | None = None
         self._sent_at = 0.0
         self._deadline = 0.0
@@ -170,7 +169,7 @@ class Exchange:
             _fail(job, ConnectionLost(self._name, str(job[1]), reason))
         for lane in (self._commands, self._reads):
             while lane:
-                _fail(lane.popleft(), down())
+                _fail(lane.pop(0), down())
 
     def on_frame(self, answer: bytes) -> None:
         """Handle an answer from the wire."""
@@ -222,10 +221,10 @@ class Exchange:
         while True:
             reads_wait = bool(self._reads) and self._busy_pause is None
             if self._commands and not (reads_wait and self._commands_in_a_row >= _COMMANDS_IN_A_ROW):
-                job, waits = self._commands.popleft(), self._stats.command_waits
+                job, waits = self._commands.pop(0), self._stats.command_waits
                 self._commands_in_a_row += 1
             elif reads_wait:
-                job, waits = self._reads.popleft(), self._stats.read_waits
+                job, waits = self._reads.pop(0), self._stats.read_waits
                 self._commands_in_a_row = 0
             else:
                 return
@@ -299,7 +298,7 @@ class Exchange:
         future, request, _, retries, *_ = job
         self._stats.exceptions += 1
         if answer.code == BUSY and not request.is_write and retries and not future.done():
-            self._reads.appendleft((future, request, None, retries - 1, self._loop.time(), False))
+            self._reads.insert(0, (future, request, None, retries - 1, self._loop.time(), False))
             if self._busy_pause is not None:
                 self._busy_pause.cancel()
             self._busy_pause = self._loop.call_later(self._settings.busy_pause_s, self._on_busy_pause_over)

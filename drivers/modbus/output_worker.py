@@ -52,7 +52,8 @@ class OutputWorker:
         self._logged: set[str] = set()
         """Outputs whose failure was logged, once until they are on again."""
         self._wakes = {endpoint: asyncio.Event() for endpoint in outputs.endpoints}
-        self._rested = asyncio.Event()
+        self._rested: asyncio.Event | None = None
+        """Somebody waits until every output is at rest."""
 
     @property
     def has_failed(self) -> bool:
@@ -78,7 +79,7 @@ class OutputWorker:
     async def wait_until_at_rest(self) -> None:
         """Return once every output is at rest."""
         if not self._outputs.all_at_rest:
-            self._rested.clear()
+            self._rested = self._rested or asyncio.Event()
             self.wake()
             await self._rested.wait()
 
@@ -104,8 +105,9 @@ class OutputWorker:
                     self._outputs.record_failure(step, maybe_sent=True, now=loop.time())
                     self._release_after_bug(bug, f"{step.kind} of {step.name}")
                 continue
-            if self._outputs.all_at_rest:
+            if self._rested is not None and self._outputs.all_at_rest:
                 self._rested.set()
+                self._rested = None
             if self._bug is not None and (self._outputs.all_at_rest or loop.time() >= self._bug_at + _RELEASE_WITHIN_S):
                 raise self._bug
             due_at = math.inf if self._writer.is_fenced else self._outputs.wake_at(endpoint)

@@ -14,7 +14,6 @@ from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.load import LoadedSite, check_file, load_site
 from lift_manager.rmf.building import SiteLift, compare
 from lift_manager.rmf.building_file import read_building, read_graph
-from register_maps.codec import compile_map
 from register_maps.errors import MapFileError
 from register_maps.source import read
 from register_maps.words import Side
@@ -81,7 +80,7 @@ def _cautions(loaded: LoadedSite) -> Iterator[str]:
 
 def _lifts(loaded: LoadedSite) -> Iterator[SiteLift]:
     for lift, spec in loaded.site.lifts.items():
-        signals = compile_map(loaded.maps[lift].map).signals
+        signals = loaded.codecs[lift].signals
         all_doors = tuple(side.value for side in Side if f"door.{side}" in signals)
         yield SiteLift(
             lift,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 from asyncio import Future
-from collections import deque
 from collections.abc import Callable
 
 from lift_manager.lift.inputs import Input, Tick
@@ -17,7 +16,7 @@ class Inbox:
     def __init__(self, take: Callable[[Input], object]) -> None:
         """`take` steps one input."""
         self._take = take
-        self._queue: deque[Input] = deque()
+        self._queue: list[Input] = []
         self._soon: asyncio.Handle | None = None
         self._timer: asyncio.TimerHandle | None = None
         self.wake_at = math.inf
@@ -36,7 +35,7 @@ class Inbox:
     def take_all(self) -> None:
         """Take everything that was reported, and what follows from that."""
         while self._queue:
-            self._take(self._queue.popleft())
+            self._take(self._queue.pop(0))
 
     def wake(self, at: float) -> None:
         """Tick at this time, whatever comes or does not come before."""
@@ -48,10 +47,9 @@ class Inbox:
         if at < math.inf:
             self._timer = asyncio.get_running_loop().call_at(at, self._tick)
 
-    async def watch(self) -> None:
-        """Raise the first bug that was met in a callback of the loop, where it would only be logged."""
-        self._bug = asyncio.get_running_loop().create_future()
-        await self._bug
+    def report_bugs(self, bug: Future[None]) -> None:
+        """Have whoever awaits this raise the first bug that is met in a callback of the loop, where it would only be logged."""
+        self._bug = bug
 
     def _take_soon(self) -> None:
         self._soon = None

@@ -35,9 +35,12 @@ class SiteLife:
 
     async def run(self) -> None:
         """Poll every lift, and go on with rides, until cancelled."""
+        bug: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         for actor in self._actors:
+            actor.inbox.report_bugs(bug)
             actor.begin()
         async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(_raised(bug))
             for poll in self._polls.values():
                 tasks.create_task(poll.run())
             tasks.create_task(self._site.rides.run())
@@ -87,6 +90,10 @@ class SiteLife:
             self._site.refusals.report()
             for actor in self._actors:
                 actor.journal.report(asyncio.get_running_loop().time())
+
+
+async def _raised(bug: asyncio.Future[None]) -> None:
+    await bug
 
 
 def is_clearing(actor: LiftActor) -> bool:

@@ -26,11 +26,6 @@ class LiftPoll:
     async def run(self) -> None:
         """Go on with the session of before this start, and poll the lift until cancelled."""
         self._actor.begin()
-        async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._poll())
-            tasks.create_task(self._actor.inbox.watch())
-
-    async def _poll(self) -> None:
         loop, actor, poll_s = asyncio.get_running_loop(), self._actor, self._actor.config.poll_s
         await asyncio.sleep(self._first_poll_s)
         due = loop.time()

@@ -11,7 +11,7 @@ from lift_manager.commissioning.wording import one_line
 from lift_manager.config.devices import Device, devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Lift
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec
 from register_maps.load import LoadedMap, MapChanges
 
 
@@ -35,7 +35,7 @@ def io_list(loaded: LoadedSite) -> IoList:
 
 def _lift(loaded: LoadedSite, name: str, lift: Lift) -> LiftList:
     found = loaded.maps[name]
-    codec = compile_map(found.map, offset=lift.offset)
+    codec = loaded.codecs[name]
     placed = devices(loaded.site, lift, found.map)
     floors = {floor: entry.code for floor, entry in lift.floors.items()}
     return LiftList(

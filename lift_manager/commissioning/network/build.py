@@ -14,7 +14,7 @@ from lift_manager.commissioning.wording import one_line
 from lift_manager.config.devices import Device, devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Lift
-from register_maps.codec import Block, Codec, compile_map
+from register_maps.codec import Block, Codec
 
 Lookup = Callable[[str], tuple[str, ...]]
 """From a host name to its addresses; none where the name is not known."""
@@ -33,7 +33,7 @@ def network(loaded: LoadedSite, lookup: Lookup | None = None) -> Network:
     reads: list[PlannedRead] = []
     writes: list[PlannedWrite] = []
     for name, lift in site.lifts.items():
-        codec = compile_map(loaded.maps[name].map, offset=lift.offset)
+        codec = loaded.codecs[name]
         placed = devices(site, lift, codec.map)
         reads += [(placed[block.endpoint], name, _span(block)) for block in _read_blocks(loaded, lift, codec)]
         if lift.access == "control":

@@ -18,7 +18,7 @@ from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import Scenario
 from lift_manager.lab.scenario.steps import PlannedStep, read_steps
 from lift_manager.lab.scenario.trace import TracedLift
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec
 from register_maps.errors import MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.source import KeyPath, read, try_validate
@@ -63,7 +63,7 @@ def known_lifts(site: LoadedSite) -> dict[str, TracedLift]:
     """Return the facts about every lift of a site."""
     found = {}
     for name, spec in site.site.lifts.items():
-        codec = compile_map(site.maps[name].map, offset=spec.offset)
+        codec = site.codecs[name]
         commands = codec.commands
         places = (spec.controller, *(endpoint.controller for endpoint in spec.endpoints.values()))
         found[name] = TracedLift(

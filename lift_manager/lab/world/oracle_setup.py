@@ -8,7 +8,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.lab.world.lift_under_test import LiftUnderTest, PolledBlock
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.reviewed import evidence_of, excuses
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec
 
 DEFAULT_ARRIVAL_S = 120.0
 """How long a trip may take if the map has no call that limits it. Chosen: the default of `arrive_within_s` in the map schema."""
@@ -22,7 +22,7 @@ def oracle_of(loaded: LoadedSite) -> Oracle:
 
 def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
-    codec = compile_map(source, offset=spec.offset)
+    codec = loaded.codecs[name]
     shows, _ = evidence_of(source)
     max_age_s = spec.max_age_s or shows.max_age_s
     commands = source.commands
