@@ -21,6 +21,7 @@ from lift_manager.runtime.site import Site
 from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
 from lift_manager.web.authenticator import Authenticator
 from lift_manager.web.body import LingeringResponse
+from lift_manager.web.direct_routes import DirectRoutes
 from lift_manager.web.errors import RequestError
 from lift_manager.web.errors_page import error_table
 from lift_manager.web.events import routes as events
@@ -70,6 +71,7 @@ def make_app(
         root_path_in_servers=False,
         redirect_slashes=False,  # a redirect would contain the host name that the caller sent
         separate_input_output_schemas=False,
+        telemetry={"tracing": False, "metrics": False, "logs": False},  # would be looked for in each request
     )
     app.add_exception_handler(HTTPException, _explain)
     app.add_exception_handler(RequestError, _refuse)
@@ -78,12 +80,14 @@ def make_app(
     app.state.site, app.state.keys = site, keys
     app.state.streams = events.Streams(site, frames, streams or streams_limit())
     app.state.max_age_s = {name: site.config(name).capabilities.max_age_s for name in site.lift_names()}
+    workshop = workshop_router(site)
+    app.add_middleware(DirectRoutes, routes=workshop.routes, refuse=_refuse)
     app.add_middleware(Authenticator, routes=routes, keys=keys, note=site.turned_away, host_names=host_names)
     app.add_middleware(LastResort)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
     add_docs(app)
-    app.include_router(workshop_router(site))
+    app.include_router(workshop)
     app.include_router(lifts.router)
     app.include_router(sessions.router)
     app.include_router(rmf.router)

@@ -48,7 +48,7 @@ def workshop_router(site: Site) -> APIRouter:
     names = site.lift_names()
     router = APIRouter(prefix="/open-rmf/demo-lift", tags=[docs.TAG])
 
-    async def lift_names() -> Response:
+    async def lift_names(_: Request) -> Response:
         return workshop_success({"lift_names": site.lift_names()})
 
     async def lift_state(request: Request) -> Response:
