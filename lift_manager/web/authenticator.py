@@ -73,6 +73,13 @@ class Authenticator:
         self._keys = keys
         self._note = note
         self._routes = [(compile_path(route.path)[0], route) for route in routes]
+        self._known = {
+            (route.path, method): self._search_route(route.path, method)
+            for route in routes
+            if "{" not in route.path
+            for method in route.methods
+        }
+        """The matches of paths without parameters: a search tries one pattern after the other."""
         self._log = RefusalLog()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -95,13 +102,15 @@ class Authenticator:
         path: str = scope["path"]
         if holds_key(path) or holds_key(unquote_plus(scope["query_string"].decode("latin-1"))):
             raise self._refuse(scope, RequestError("key_in_address", KEY_IN_ADDRESS), "a key in its address")
-        route, lift, methods = self._match_route(path, scope["method"])
-        if not self._keys.are_required and names_unknown_host(Request(scope), self._host_names):
+        method: str = scope["method"]
+        route, lift, methods = self._known.get((path, method)) or self._search_route(path, method)
+        headers = Headers(raw=scope["headers"])
+        if not self._keys.are_required and names_unknown_host(headers.get("host"), self._host_names):
             error = RequestError("another_site", UNKNOWN_HOST)
             raise self._refuse(scope, error, "it names a host that is not known to be the manager", lifts=[lift])
         if route is not None and route.need is AccessLevel.NOTHING:
             return
-        key = scope[_CALLER] = self._authenticate(scope)
+        key = scope[_CALLER] = self._authenticate(scope, headers)
         if route is None:
             raise wrong_method(path, methods) if methods else not_found(path)
         if key is not None:
@@ -110,7 +119,7 @@ class Authenticator:
                 about = f"the key {key.name} may not do this"
                 raise self._refuse(scope, RequestError("not_allowed", why), about, key=key, lifts=lifts)
 
-    def _match_route(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
+    def _search_route(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
         """Return the route and the lift in its path, or without a match the methods that the path accepts."""
         for pattern, route in self._routes:
             if method in route.methods and (match := pattern.match(path)) is not None:
@@ -118,9 +127,9 @@ class Authenticator:
         others = [method for pattern, route in self._routes if pattern.match(path) for method in route.methods]
         return None, "", tuple(dict.fromkeys(others))
 
-    def _authenticate(self, scope: Scope) -> Key | None:
+    def _authenticate(self, scope: Scope, headers: Headers) -> Key | None:
         """Return the key of a request; None if it needs and sends none. Raises RequestError for an invalid key."""
-        sent = Headers(scope=scope).getlist("authorization")
+        sent = headers.getlist("authorization")
         if not self._keys.are_required and not any(map(_BEARER.match, sent)):
             return None
         if not sent:
@@ -149,16 +158,16 @@ def caller_name(path: str, key: Key) -> str:
     return f"workshop:{key.name}" if is_workshop(path) else key.name
 
 
-def _lifts_of(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:
+def _lifts_of(route: Route, lift: str, scope: Scope, key: Key) -> tuple[str, ...]:
     match route.lift_in:
         case LiftIn.PATH:
-            return [lift]
+            return (lift,)
         case LiftIn.QUERY:
             return named_lifts(scope)
         case LiftIn.BODY:
-            return list(key.lifts)  # the route checks the lift itself
+            return key.lifts  # the route checks the lift itself
         case None:
-            return []
+            return ()
 
 
 def _has_body(scope: Scope) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from functools import lru_cache
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from urllib.parse import urlsplit
 
@@ -26,16 +26,17 @@ def is_from_another_site(request: Request) -> bool:
     return origin is not None and origin.partition("://")[2] != request.headers.get("host")
 
 
-def names_unknown_host(request: Request, names: Collection[str]) -> bool:
-    """Whether a request names a host that is neither an address, nor localhost, nor one of these names (in lower case).
+@lru_cache(maxsize=64)  # each request of a client has the same
+def names_unknown_host(header: str | None, names: frozenset[str]) -> bool:
+    """Whether the header Host names a host that is neither an address, nor localhost, nor one of these names (in lower case).
 
     This stops DNS rebinding: to its browser, a page whose name was redirected here after loading is of the same site as what it requests,
     and a GET over plain HTTP has neither Origin nor Sec-Fetch. Such a page cannot use an address or localhost as its name. No
     browser omits the header Host.
     """
-    if "host" not in request.headers:
+    if header is None:
         return False
-    host = _requested_host(request)
+    host = _requested_host(header)
     try:
         ip_address(host)
     except ValueError:
@@ -56,12 +57,13 @@ def is_from_this_computer(request: Request) -> bool:
         return False
     # only this computer can connect to one of its addresses from the same address
     here, _ = request.scope.get("server") or ("", None)
-    return all(is_loopback(name) or name == here for name in (client.host, _requested_host(request)))
+    requested = _requested_host(request.headers.get("host", ""))
+    return all(is_loopback(name) or name == here for name in (client.host, requested))
 
 
-def _requested_host(request: Request) -> str:
+def _requested_host(header: str) -> str:
     try:
-        asked_for = urlsplit(f"//{request.headers.get('host', '')}")
+        asked_for = urlsplit(f"//{header}")
         return (asked_for.hostname or "") if asked_for.port is None or asked_for.port else ""
     except ValueError:  # half an IPv6 address, or a port that is none
         return ""

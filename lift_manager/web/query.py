@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from fastapi import Request
 from starlette.datastructures import QueryParams
 from starlette.types import Scope
@@ -13,9 +15,14 @@ LIMIT_BYTES = 4096
 TOO_LONG = f"the query is longer than {LIMIT_BYTES} bytes"
 
 
-def named_lifts(scope: Scope) -> list[str]:
+def named_lifts(scope: Scope) -> tuple[str, ...]:
     """Return each `lift_name` of a query. Do not act on a query that is too long: this reads only its beginning."""
-    return QueryParams(scope["query_string"][:LIMIT_BYTES]).getlist("lift_name")
+    return _named_lifts(scope["query_string"][:LIMIT_BYTES])
+
+
+@lru_cache(maxsize=256)  # a client polls with the same query
+def _named_lifts(query: bytes) -> tuple[str, ...]:
+    return tuple(QueryParams(query).getlist("lift_name"))
 
 
 def require_once(request: Request, *names: str) -> None:

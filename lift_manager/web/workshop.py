@@ -78,17 +78,18 @@ def workshop_router(site: Site) -> APIRouter:
 
 
 def _named_lift(site: Site, request: Request) -> str:
-    lifts = ", ".join(site.lift_names())
-    if len(request.scope["query_string"]) > LIMIT_BYTES:
+    named, known = named_lifts(request.scope), site.lift_names()
+    is_too_long = len(request.scope["query_string"]) > LIMIT_BYTES
+    if not is_too_long and len(named) == 1 and named[0] in known:
+        return named[0]
+    lifts = ", ".join(known)
+    if is_too_long:
         raise RequestError("malformed", f"{TOO_LONG}; lift_name must be one of: {lifts}")
-    names = named_lifts(request.scope)
-    if not names:
+    if not named:
         raise RequestError("malformed", f"lift_name is missing; it must be one of: {lifts}")
-    if len(names) > 1:
-        raise RequestError("malformed", f"lift_name is given {len(names)} times; give it once, as one of: {lifts}")
-    if names[0] not in site.lift_names():
-        raise RequestError("unknown_lift", f"unknown lift {quoted(names[0])}; lift_name must be one of: {lifts}")
-    return names[0]
+    if len(named) > 1:
+        raise RequestError("malformed", f"lift_name is given {len(named)} times; give it once, as one of: {lifts}")
+    raise RequestError("unknown_lift", f"unknown lift {quoted(named[0])}; lift_name must be one of: {lifts}")
 
 
 def _state_answer(state: LiftState) -> Response:
