@@ -118,6 +118,11 @@ def is_fresh(capabilities: Capabilities, moment: Moment) -> bool:
     return moment.now - moment.read_at <= capabilities.max_age_s
 
 
+def fresh_until(capabilities: Capabilities, read_at: float) -> float:
+    """Return the time until which a reading is young enough."""
+    return read_at + capabilities.max_age_s
+
+
 # -- what robots may do
 
 

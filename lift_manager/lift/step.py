@@ -46,7 +46,7 @@ from lift_manager.lift.inputs import (
     Tick,
     Unrestrict,
 )
-from lift_manager.lift.observation import Moment, Observation, is_fresh, observe
+from lift_manager.lift.observation import Moment, Observation, fresh_until, is_fresh, observe
 from lift_manager.lift.record import DurableRecord, LiftRecord
 from lift_manager.lift.refusals import Accepted, Refused
 from lift_manager.lift.requests import SessionBegun
@@ -341,7 +341,7 @@ def _changes_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) 
     if observation is None or not is_fresh(capabilities, moment):
         return []
     times = [
-        moment.read_at + capabilities.max_age_s + PAST_S,
+        fresh_until(capabilities, moment.read_at) + PAST_S,
         observation.floor_since + capabilities.evidence_for_s,
     ]
     times += [since + capabilities.door_closes_within_s for since in observation.not_open_since.values()]

@@ -8,6 +8,7 @@ import math
 import secrets
 from dataclasses import replace
 from datetime import UTC, datetime
+from typing import NamedTuple
 
 from drivers.driver import LiftDriver, Report
 from drivers.errors import ControllerException, DriverError
@@ -37,7 +38,7 @@ from lift_manager.lift.inputs import (
     Request,
     Tick,
 )
-from lift_manager.lift.observation import Moment
+from lift_manager.lift.observation import Moment, fresh_until
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
@@ -55,6 +56,16 @@ _log = logging.getLogger(__name__)
 
 _ID_BYTES = 16
 _NEVER = Moment(-math.inf, datetime.min.replace(tzinfo=UTC), -math.inf)
+
+
+class _LastingState(NamedTuple):
+    """A state, and what it was worked out from."""
+
+    state: LiftState
+    record: LiftRecord
+    read_at: float
+    until: float
+    """From this loop time on, time alone may have changed it."""
 
 
 class LiftActor:
@@ -92,6 +103,7 @@ class LiftActor:
         """The state of its newest event."""
         self._published_of: LiftRecord | None = None
         """The record whose state was compared with it last."""
+        self._lasting: _LastingState | None = None
         driver.attach(self)
 
     def begin(self) -> None:
@@ -164,6 +176,18 @@ class LiftActor:
         """Return what this lift publishes right now, from memory."""
         self.catch_up()
         return state(self.config, self.record, self.moment)
+
+    def lasting_state(self) -> LiftState:
+        """Return the same, but while the lift is live its seconds may be those of an earlier moment.
+
+        It is the same object until a step, a reading or time can have changed it: working it out costs more than a short answer.
+        """
+        self.catch_up()
+        known = self._lasting
+        if known is None or known.record is not self.record or known.read_at != self._read_at or _now() >= known.until:
+            until = min(self.inbox.wake_at, fresh_until(self.config.capabilities, self._read_at))
+            known = self._lasting = _LastingState(self.state(), self.record, self._read_at, until)
+        return known.state
 
     def freshen(self) -> None:
         """Publish a change of the state that was not published yet, whether or not anybody listens."""

@@ -91,6 +91,10 @@ class Site:
         """Return what a lift publishes right now."""
         return self._lift(lift).state()
 
+    def lasting_state(self, lift: str) -> LiftState:
+        """Return the same for a face that shows no seconds of a live lift: the same object until anything else of it changes."""
+        return self._lift(lift).lasting_state()
+
     def age_s(self, lift: str) -> float | None:
         """Return the age of the last whole reading of a lift; None when there never was one."""
         actor = self._lift(lift)

@@ -26,7 +26,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.session import Holder
-from lift_manager.lift.state import LiftState
+from lift_manager.lift.state import LiftState, same_but_for_time
 from lift_manager.runtime.bus import Event
 from lift_manager.runtime.errors import RequestRefused
 from register_maps.load import load
@@ -439,6 +439,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     async def look(self) -> None:
         self.stayers.look(self.world.site)
+        assert same_but_for_time(self.world.site.lasting_state(LIFT), self.state)
 
     def state_now(self) -> LiftState:
         """Return the state, from outside the loop."""

@@ -121,6 +121,9 @@ class FakeSite(Site):
             raise raised(Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are {', '.join(self.lifts)}"))
         return self.lifts[lift]
 
+    def lasting_state(self, lift: str) -> LiftState:
+        return self.state(lift)
+
     def config(self, lift: str) -> LiftConfig:
         return config_of(self.state(lift), self._able)
 
