@@ -46,9 +46,10 @@ class JsonHttpProtocol(HttpToolsProtocol):
     """HTTP with JSON replies: clients of the workshop API parse every reply as JSON, and crash on plain text."""
 
     _error = _NOT_HTTP
+    _is_awaiting_head = False
     _head_bytes = 0
     _head_timer: asyncio.TimerHandle | None = None
-    """Runs while a head is incomplete."""
+    """Runs while a head is incomplete; most come in one packet and never start it."""
     _unread_timer: asyncio.TimerHandle | None = None
     _linger_timer: asyncio.TimerHandle | None = None
     _discarded_bytes = 0
@@ -64,6 +65,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
         super().connection_made(transport)
         self._connections.mark_idle(self, transport.abort)
         self._await_head(begins=True)
+        self._start_head_timer()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop counting the connection."""
@@ -80,7 +82,8 @@ class JsonHttpProtocol(HttpToolsProtocol):
             self._discard(data)
             return
         super().data_received(data)
-        if self._head_timer is not None and not self.transport.is_closing():
+        if self._is_awaiting_head and not self.transport.is_closing():
+            self._start_head_timer()
             self._head_bytes += len(data)
             if self._head_bytes > HEAD_LIMIT_BYTES:
                 self._error = _TOO_LONG
@@ -98,7 +101,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
         self.flow.resume_writing()
 
     def on_message_begin(self) -> None:
-        """Start the timer of the head."""
+        """Await the head."""
         super().on_message_begin()
         self._await_head(begins=True)
 
@@ -158,11 +161,15 @@ class JsonHttpProtocol(HttpToolsProtocol):
         return "/api" if self.headers and self.url.startswith(b"/api/") else "/open-rmf"
 
     def _await_head(self, *, begins: bool) -> None:
-        """Start or stop the timer of the head."""
+        """Begin or end to wait for a head."""
         if self._head_timer is not None:
             self._head_timer.cancel()
-        self._head_bytes = 0
-        self._head_timer = self.loop.call_later(HEAD_WITHIN_S, self.transport.close) if begins else None
+            self._head_timer = None
+        self._is_awaiting_head, self._head_bytes = begins, 0
+
+    def _start_head_timer(self) -> None:
+        if self._head_timer is None:
+            self._head_timer = self.loop.call_later(HEAD_WITHIN_S, self.transport.close)
 
     def _stop_unread_timer(self) -> None:
         if self._unread_timer is not None:
