@@ -6,7 +6,7 @@ import asyncio
 import json
 from typing import NoReturn
 
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
@@ -23,6 +23,8 @@ LINGER_S = 1.0
 LINGER_BYTES = 4 * 1024 * 1024
 """Chosen: enough for a client that sends a few megabytes before it reads the reply."""
 
+_as_text = json.JSONEncoder(ensure_ascii=False).encode
+
 
 async def read_body(request: Request) -> bytes:
     """Return the whole body, at most `LIMIT_BYTES`.
@@ -35,14 +37,17 @@ async def read_body(request: Request) -> bytes:
     body = bytearray()
     try:
         async with asyncio.timeout(BODY_WITHIN_S):
-            async for chunk in request.stream():
-                body += chunk
+            is_whole = False
+            while not is_whole:
+                message = await request.receive()
+                if message["type"] == "http.disconnect":
+                    raise RequestError("malformed", "the connection ended before the body did")
+                body += message.get("body", b"")
                 if len(body) > LIMIT_BYTES:
                     raise _too_long()
+                is_whole = not message.get("more_body", False)
     except TimeoutError as error:
         raise RequestError("malformed", f"the body did not arrive within {BODY_WITHIN_S:g} s") from error
-    except ClientDisconnect as error:
-        raise RequestError("malformed", "the connection ended before the body did") from error
     return bytes(body)
 
 
@@ -61,7 +66,7 @@ def decode_object(body: bytes) -> dict[str, object]:
     try:
         # utf-8-sig: some Windows tools put a byte order mark in front
         value = json.loads(body.decode("utf-8-sig"), object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
-        has_key = holds_key(json.dumps(value, ensure_ascii=False))
+        has_key = holds_key(_as_text(value))
     except UnicodeDecodeError as error:
         raise RequestError("malformed", f"the body is not UTF-8 (byte {error.start})") from error
     except json.JSONDecodeError as error:

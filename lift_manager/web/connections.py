@@ -7,6 +7,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from ipaddress import IPv4Network, IPv6Address, IPv6Network
 from typing import NamedTuple
 
@@ -88,7 +89,7 @@ class Connections:
 
     def make_room(self, address: str) -> bool:
         """Return whether a connection from this address is accepted; closes an idle connection if that is needed."""
-        client = self._client_of(address)
+        client = _client_of(address)
         for limit in self._limits_for(client, address):
             if limit.used < limit.maximum:
                 continue
@@ -103,7 +104,7 @@ class Connections:
 
     def add(self, connection: Hashable, address: str, close: Callable[[], object], *, evictable_after_s: float) -> None:
         """Count a connection that is being established; it may be closed to make room if that takes too long."""
-        client = self._client_of(address)
+        client = _client_of(address)
         self._client[connection] = client
         self._count[client] += 1
         self._idle[connection] = _IdleConnection(self._loop.time() + evictable_after_s, close)
@@ -154,17 +155,19 @@ class Connections:
         client, count = max(self._count.items(), key=lambda entry: entry[1])
         return f"{count} by {client or 'this computer'}"
 
-    def _client_of(self, address: str) -> str:
-        """Return the client that an address belongs to; empty for this computer."""
-        if is_loopback(address):
-            return ""
-        try:
-            found = unmapped(address)
-        except ValueError:
-            return address
-        if isinstance(found, IPv6Address) and not found.is_link_local:
-            return str(IPv6Network((int(found), _IPV6_CLIENT_BITS), strict=False))
-        return str(found)
+
+@lru_cache(maxsize=1024)  # twice for each connection, and most come from few addresses
+def _client_of(address: str) -> str:
+    """Return the client that an address belongs to; empty for this computer."""
+    if is_loopback(address):
+        return ""
+    try:
+        found = unmapped(address)
+    except ValueError:
+        return address
+    if isinstance(found, IPv6Address) and not found.is_link_local:
+        return str(IPv6Network((int(found), _IPV6_CLIENT_BITS), strict=False))
+    return str(found)
 
 
 class _LimitLog:

@@ -38,6 +38,8 @@ DOOR_OPEN = 2
 
 _DOOR_STATES = f"{DOOR_CLOSED} (no hold; for the current floor a release) or {DOOR_OPEN} (open and hold)"
 
+_ACCEPTED = workshop_success({})
+
 NAME_LIMIT = 200
 _SURROGATE = re.compile("[\\ud800-\\udfff]")
 """JSON can spell halves of characters, which no journal or log could store."""
@@ -76,7 +78,7 @@ def workshop_router(site: Site) -> APIRouter:
         key = caller_key(request)
         holder = WORKSHOP if key is None else Holder(WORKSHOP.face, key.name)
         site.request(lift, holder, floor, hold_door=hold_door)
-        return workshop_success({})
+        return _ACCEPTED
 
     router.add_api_route("/lift_names", lift_names, methods=["GET"], **docs.lift_names(names))
     router.add_api_route("/lift_state", lift_state, methods=["GET"], **docs.lift_state(names))
