@@ -269,8 +269,8 @@ class Rules:
         releases = not (request.hold_door or request.stays) and truth is not None and here in (floor, None)
         # it is a call if the manager does not see the car at this floor; a robot inside releases nothing
         state = notes.state
-        published_elsewhere = state is not None and state.quality is Quality.LIVE and state.floor not in (floor, None)
-        is_call = not releases or (truth is not None and here is None) or published_elsewhere
+        is_not_shown = state is not None and state.quality is Quality.LIVE and state.floor != floor
+        is_call = not releases or (truth is not None and here is None) or is_not_shown
         if notes.requested_since is not None and (is_call or request.robot is RobotWord.IN_PLACE):
             notes.requested_since.setdefault(holder, set()).add(floor)
         if releases or request.robot is not None:
