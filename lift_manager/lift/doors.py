@@ -119,7 +119,7 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
     session = spend_hold(draft, session)
     is_barred = barred_by(observation.values, config.capabilities) is not None
     # no robot was invited here, and none will be while our hold keeps the door from closing
-    must_close = observation.must_close and floor == session.floor and not session.opened_at_target
+    must_close = observation.must_close and floor == session.floor and not session.may_have_invited(draft.now)
     if session.hold_spent or is_barred or must_close or _is_for_nobody(draft, session, observation, floor):
         release_doors(draft)
         if not session.hold_spent:

