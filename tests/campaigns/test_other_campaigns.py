@@ -67,8 +67,8 @@ def test_a_few_lifts_live_for_a_while() -> None:
 
 def test_memory_that_grows_fails_the_day() -> None:
     played = Played(Schedule(1, "all", 1.0, 900.0, 300.0, 5.0, ()), [])
-    assert not Day(1, 8.0, played, [(1.0, 100), (8.0, 104)]).failed
-    assert Day(1, 8.0, played, [(1.0, 100), (8.0, 110)]).failed
+    assert not Day(1, 8.0, played, [(1.0, 90), (4.0, 100), (8.0, 104)]).failed
+    assert Day(1, 8.0, played, [(1.0, 90), (4.0, 100), (8.0, 106)]).failed
 
 
 def test_every_kind_of_fault_has_its_column() -> None:
