@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from lift_manager.lift.observation import RobotDoor
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.frames import Request
 from register_maps.words import Table
 from simulator.controller import Inputs
@@ -90,21 +91,22 @@ def test_a_new_floor_while_the_old_call_is_on_its_way_is_where_the_car_goes() ->
 
 
 def test_no_press_leaves_after_the_answer_that_tells_of_a_fire() -> None:
-    async def check(made: Spine) -> None:
-        made.device.delay_s = 0.05
-        await elapse(1)
-        for hundredth in range(12):
-            made.people(Inputs())
-            await elapse(0.01 * hundredth)
+    refused = []
+    for hundredth in range(12):
+
+        async def check(made: Spine, hundredth: int = hundredth) -> None:
+            made.device.delay_s = 0.05
+            await elapse(2 + 0.01 * hundredth)
             made.people(Inputs(fire=True))
-            await elapse(0.06)
-            reply(made.accept, "L2")
+            await elapse(0.02 * hundredth)
+            refused.append(isinstance(reply(made.accept, "L2"), RequestRefused))
             fire_told_at = asyncio.get_running_loop().time() + 0.25
             await elapse(2)
             assert not [request for at, request in made.device.writes if at > fire_told_at and any(request.values)]
             assert outputs(made) == AT_REST
 
-    on_spine(check, poll_s=0.1)
+        on_spine(check, poll_s=0.1)
+    assert set(refused) == {True, False}, "the request comes before and after the answer"
 
 
 def test_letting_go_forgets_a_press_that_waits_behind_a_release() -> None:
