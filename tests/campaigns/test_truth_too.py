@@ -3,7 +3,7 @@
 from tests.campaigns.truth import report, run
 from tests.campaigns.wiring import FalseAlarms
 
-SECOND_HALF = (42, 136, 168, 221, *range(101, 122))
+SECOND_HALF = (42, 136, 168, 221, *range(101, 109))
 """The first four find mistakes of `mutants.py` that most schedules do not: no release retry, no key switch, one reading
 instead of two, and no robot mode under way."""
 
@@ -13,6 +13,6 @@ def test_nothing_that_must_never_happen_happens_in_the_second_half() -> None:
     tally = run(SECOND_HALF, alarms.watch)
     assert not tally.failed, "\n".join(report(tally, 0.0))
     assert tally.invitations > 100
-    assert tally.rides > 5
-    assert alarms.watched > 15
+    assert tally.rides > 1
+    assert alarms.watched > 5
     assert alarms.raised == [], "no other fault raises the alarm of a contradiction"
