@@ -6,7 +6,7 @@ import asyncio
 import json
 from typing import NoReturn
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
@@ -37,17 +37,14 @@ async def read_body(request: Request) -> bytes:
     body = bytearray()
     try:
         async with asyncio.timeout(BODY_WITHIN_S):
-            is_whole = False
-            while not is_whole:
-                message = await request.receive()
-                if message["type"] == "http.disconnect":
-                    raise RequestError("malformed", "the connection ended before the body did")
-                body += message.get("body", b"")
+            async for chunk in request.stream():
+                body += chunk
                 if len(body) > LIMIT_BYTES:
                     raise _too_long()
-                is_whole = not message.get("more_body", False)
     except TimeoutError as error:
         raise RequestError("malformed", f"the body did not arrive within {BODY_WITHIN_S:g} s") from error
+    except ClientDisconnect as error:
+        raise RequestError("malformed", "the connection ended before the body did") from error
     return bytes(body)
 
 
