@@ -169,6 +169,7 @@ def _layout(signals: tuple[SignalCodec, ...], blocks: tuple[Block, ...]) -> _Lay
 
 
 def _places(signal: SignalCodec, blocks: tuple[Block, ...]) -> list[tuple[int, int, int]]:
+    """Return where one signal's bits lie, as `_Layout.places` has it. Raises ValueError where no block covers a point."""
     lengths = [(block.count + 7) // 8 if block.table in BIT_TABLES else 2 * block.count for block in blocks]
     places, to = [], 0
     for point in signal.points:
