@@ -23,6 +23,7 @@ from drivers.modbus.tls import LinkTls
 from drivers.modbus.units import Unit
 from drivers.modbus.wire import PymodbusWire, Wire
 from drivers.thread import in_thread
+from lift_manager.api.keys import Keys
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
@@ -86,8 +87,8 @@ FLUSH_WITHIN_S = 0.5
 class Faces:
     """Settings of the northbound interfaces."""
 
-    keys: KeyFile | None = None
-    """Keys of the API; None if it needs none."""
+    keys: Keys | None = None
+    """Keys of the API; None if it needs none. Those of a file are watched."""
     rmf: RosSettings | None = None
     """The RMF domain to join; None for none."""
 
@@ -242,7 +243,7 @@ async def run(
 def _background_tasks(
     parts: ManagerParts,
     loaded: LoadedSite,
-    keys: KeyFile | None,
+    keys: Keys | None,
     tls: ServerCertificates | None,
     adapter: RunningAdapter | None,
 ) -> Iterator[Coroutine[None, None, None]]:
@@ -251,7 +252,7 @@ def _background_tasks(
     yield from (link.run() for link in parts.links)
     yield from parts.life.drives()
     yield from (recorder.run(parts.site.report_disk), parts.metrics.run(), warn_of_expiry(loaded))
-    if keys is not None:
+    if isinstance(keys, KeyFile):
         yield keys.run(recorder.note)
     if tls is not None:
         yield renew_certificates(tls)
@@ -347,7 +348,7 @@ def _status_text(parts: ManagerParts) -> str:
 
 
 async def _serve(
-    parts: ManagerParts, api: Api, keys: KeyFile | None, sock: socket, tls: ServerCertificates | None
+    parts: ManagerParts, api: Api, keys: Keys | None, sock: socket, tls: ServerCertificates | None
 ) -> None:
     names = (api.host, *api.host_names)
     web = make_app(parts.site, keys, frames=parts.sources, metrics=parts.metrics.scrape, host_names=names)
