@@ -234,7 +234,12 @@ class Signal(Answer):
         description="The value as the map decodes it; null if the map has no value for it."
     )
     raw: int | None = Field(description="The raw value, before scale and value table.")
-    addresses: tuple[str, ...] = Field(examples=[["holding:12"]])
+    addresses: tuple[str, ...] = Field(description="As the map prints them.", examples=[["holding:12"]])
+    wire: tuple[str, ...] = Field(
+        default=(),
+        description="The same places on the wire, where the first one is 0, moved by the offset of the lift.",
+        examples=[["holding 11"]],
+    )
     age_s: Age
 
 

@@ -64,7 +64,9 @@ SIGNALS = Signals(
     name="east",
     age_s=0.12,
     max_age_s=2.0,
-    signals=(Signal(name="door.front", value="open", raw=2, addresses=("holding:12",), age_s=0.12),),
+    signals=(
+        Signal(name="door.front", value="open", raw=2, addresses=("holding:12",), wire=("holding 11",), age_s=0.12),
+    ),
 )
 SESSION = Session(
     id="s-4f1d2c",

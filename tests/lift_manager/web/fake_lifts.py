@@ -53,7 +53,7 @@ ABLE = Capabilities(
     printed={},
     trust="vendor-manual",
 )
-DOOR = SignalValue(name="door.front", value="open", raw=2, addresses=("holding:12",), age_s=0.1)
+DOOR = SignalValue(name="door.front", value="open", raw=2, addresses=("holding:12",), age_s=0.1, wire=("holding 11",))
 
 
 def config_of(state: LiftState, able: Capabilities) -> LiftConfig:

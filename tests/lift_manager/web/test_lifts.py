@@ -56,6 +56,7 @@ def test_what_a_lift_can_do_and_what_its_signals_say_is_told() -> None:
     assert door["name"] == "door.front"
     assert (door["value"], door["raw"], door["age_s"]) == ("open", 2, 0.1)
     assert door["addresses"] == ["holding:12"]
+    assert door["wire"] == ["holding 11"]
 
 
 @each_row("path", ["/elevator", "/elevator/capabilities", "/elevator/signals", "/li%22ft"])
