@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 import signal
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection
-from contextlib import asynccontextmanager
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Coroutine, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, TypeVar, cast
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -17,7 +19,8 @@ from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.api.roles import Role
-from lift_manager.cli.common import fail, load_site_or_exit, report_mistakes, store_path_of
+from lift_manager.cli.common import fail, load_site_or_exit, print_stderr, report_mistakes, store_path_of
+from lift_manager.cli.logs import HumanFormatter
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import ClientError
 from lift_manager.config.load import LoadedSite
@@ -32,6 +35,10 @@ from register_maps.errors import MapFileError
 Answer = TypeVar("Answer")
 
 HOST = "127.0.0.1"
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that end a tool; Windows has no SIGHUP."""
+KEPT_LINES = 100
+"""How many lines of the manager's log are kept for a tool that fails. Chosen: several screens."""
 
 SiteOption = Annotated[
     Path | None,
@@ -51,8 +58,11 @@ async def own_manager(
     """Run a manager of this site on a free port of this computer, and stop it in order: yields a client, called `name`.
 
     Not one byte is written to any lift but those of `may_command`, whatever the site file says. Nobody else has the key. Without a
-    recorder nothing is written down. Raises ControllerTaken where another process of this computer talks to a controller of the site
-    already, and LockUnusable; an ExceptionGroup for a bug.
+    recorder nothing is written down. What the manager logs is not part of what a tool prints: warnings appear on stderr at the end,
+    those about the release of outputs always, others if the block raises an error.
+
+    Raises ControllerTaken where another process of this computer talks to a controller of the site already, LockUnusable, and
+    NotReleased; an ExceptionGroup for a bug. The block must not hold up the event loop: outputs are refreshed on it.
     """
     lifts = {
         lift: entry.model_copy(update={"access": "control" if lift in may_command else "monitor"})
@@ -61,20 +71,64 @@ async def own_manager(
     private = replace(loaded, site=loaded.site.model_copy(update={"lifts": lifts, "api": Api(host=HOST)}))
     secret, keys = _new_key(name)
     stop, ready = asyncio.Event(), asyncio.Event()
-    with listen(HOST, 0) as sock:
+    with _hold_log_back() as log_lines, listen(HOST, 0) as sock:
         port = sock.getsockname()[1]
         running = asyncio.ensure_future(
             app.run(private, sock, stop=stop, ready=ready.set, recorder=recorder, faces=app.Faces(keys))
         )
         running.add_done_callback(lambda _: ready.set())
+        has_failed = True
         try:
             await ready.wait()
             if not running.done():
                 async with LiftManagerClient(f"http://{HOST}:{port}", secret) as client:
                     yield client
+            has_failed = False
+        except asyncio.CancelledError:
+            has_failed = False
+            raise
         finally:
+            if not has_failed:
+                log_lines.clear()
             stop.set()
-            await asyncio.shield(running)
+            if not await _result_of(running):
+                raise NotReleased(
+                    "not every output could be verified as released: look at the lift; a hold that its controller latches stays on"
+                )
+
+
+class NotReleased(Exception):
+    """Outputs that were on may still be on."""
+
+
+async def _result_of(running: asyncio.Future[bool]) -> bool:
+    """Wait for the end of the manager, and only then obey a cancellation: nothing else releases its outputs."""
+    is_cancelled = False
+    while not running.done():
+        try:
+            await asyncio.wait([running])
+        except asyncio.CancelledError:
+            is_cancelled = True
+    released = running.result()
+    if is_cancelled and released:
+        raise asyncio.CancelledError
+    return released
+
+
+@contextmanager
+def _hold_log_back() -> Iterator[deque[str]]:
+    """Keep warnings and errors of the log while the context lasts, the newest ones, and print what is kept at its end."""
+    lines: deque[str] = deque(maxlen=KEPT_LINES)
+    handler = logging.Handler(logging.WARNING)
+    handler.setFormatter(HumanFormatter())
+    handler.emit = lambda record: lines.append(handler.format(record))  # type: ignore[method-assign]  # a handler of one line
+    logging.getLogger().addHandler(handler)
+    try:
+        yield lines
+    finally:
+        logging.getLogger().removeHandler(handler)
+        for line in lines:
+            print_stderr(line)
 
 
 def _new_key(name: str) -> tuple[Secret, KeyRing]:
@@ -103,22 +157,42 @@ def run_directly(
     recorder = _open_store(loaded) if is_recorded else None
 
     async def work_once() -> Answer:
-        loop, task = asyncio.get_running_loop(), asyncio.current_task()
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(number, cast("asyncio.Task[Answer]", task).cancel)
         async with own_manager(loaded, name=name, may_command=may_command, recorder=recorder) as client:
             return await work(client)
 
+    received: list[int] = []
     try:
-        return asyncio.run(work_once())
+        return asyncio.run(_cancel_on_signals(work_once(), received))
     except asyncio.CancelledError:
+        if signal.SIGINT in received:
+            raise KeyboardInterrupt from None  # as from any other command
         raise typer.Exit(1) from None
-    except ClientError as error:
-        raise fail(str(error)) from error
     except ControllerTaken as error:
         raise fail(f"{error}; without --site this works through the running manager") from error
-    except LockUnusable as error:
+    except (ClientError, LockUnusable, NotReleased) as error:
         raise fail(str(error)) from error
+
+
+async def _cancel_on_signals(work: Coroutine[Any, Any, Answer], received: list[int]) -> Answer:
+    """Run `work`, and cancel it on the first signal that this process does not ignore (`nohup`); later ones change nothing.
+
+    Somebody who presses Ctrl-C twice would otherwise leave outputs on.
+    """
+    loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
+
+    def on_signal(number: int) -> None:
+        if not received:
+            task.cancel()
+        received.append(number)
+
+    handled = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    for number in handled:
+        loop.add_signal_handler(number, on_signal, number)
+    try:
+        return await task
+    finally:
+        for number in handled:
+            loop.remove_signal_handler(number)
 
 
 def _open_store(loaded: LoadedSite) -> Recorder:
