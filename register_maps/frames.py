@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from register_maps.errors import BadRequest, ExceptionAnswer, FrameError, Mismatch
-from register_maps.words import READ_FUNCTION, Table
+from register_maps.words import BIT_TABLES, READ_FUNCTION, Table
 
 MAX_READ_BITS = 2000
 MAX_READ_REGISTERS = 125
@@ -302,6 +302,13 @@ def pack_bits(values: Sequence[int]) -> bytes:
 def unpack_bits(payload: bytes, count: int) -> tuple[int, ...]:
     """The first `count` bits of a payload."""
     return tuple(payload[place >> 3] >> (place & 7) & 1 for place in range(count))
+
+
+def values_of(request: Request, payload: bytes) -> tuple[int, ...]:
+    """The bits (0 or 1) or registers (0 to 65535) in the payload of a read."""
+    if request.table in BIT_TABLES:
+        return unpack_bits(payload, request.count)
+    return struct.unpack(f">{request.count}H", payload)
 
 
 def _check_limits(request: Request) -> None:

@@ -17,7 +17,7 @@ from drivers.modbus.wire import OnBytes, PymodbusWire, Wire
 from register_maps import frames
 from register_maps.errors import ExceptionAnswer, Mismatch
 from register_maps.frames import Request
-from register_maps.words import BIT_TABLES, Table
+from register_maps.words import Table
 
 GAP_S = 0.05
 """From an answer to the next request. Chosen: twenty requests a second disturb no controller that a manager may poll."""
@@ -109,7 +109,7 @@ class Prober:
         except Mismatch as error:
             self.close()
             return ProbeAnswer(request, took_s, trouble=str(error), echoes_tid=echoes_tid)
-        return ProbeAnswer(request, took_s, _values(request, payload), echoes_tid=echoes_tid)
+        return ProbeAnswer(request, took_s, frames.values_of(request, payload), echoes_tid=echoes_tid)
 
     def close(self) -> None:
         """Drop the connection; the next read makes another."""
@@ -159,9 +159,3 @@ async def open_prober(
             yield prober
         finally:
             prober.close()
-
-
-def _values(request: Request, payload: bytes) -> tuple[int, ...]:
-    if request.table in BIT_TABLES:
-        return frames.unpack_bits(payload, request.count)
-    return tuple(int.from_bytes(payload[i : i + 2], "big") for i in range(0, len(payload), 2))
