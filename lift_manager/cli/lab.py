@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from lift_manager.cli.common import (
     Floors,
-    MapName,
     fail,
     load_map_or_exit,
     out,
@@ -16,8 +16,10 @@ from lift_manager.cli.common import (
 )
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
+from lift_manager.commissioning.trace.recording import RecordingUnusable, read_recording
 from lift_manager.lab.demo import run_demo
-from lift_manager.lab.simulate import run_simulation
+from lift_manager.lab.replay import NothingRecorded
+from lift_manager.lab.simulate import run_replay, run_simulation
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
@@ -44,18 +46,47 @@ def demo(
 
 
 def simulate(
-    map_name: MapName,
+    map_name: Annotated[
+        str,
+        typer.Argument(
+            metavar="[MAP]",
+            help="A shipped map by name, or the path of a map file; none with --replay.",
+            show_default=False,
+        ),
+    ] = "",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port of the simulated controller; 0 takes any free one.")
     ] = 5020,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     floors: Floors = "",
     speed: Speed = 1.0,
+    replay: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Answer like the controller in a recording of `trace record`, instead of a lift."
+        ),
+    ] = None,
+    *,
+    loop: Annotated[
+        bool,
+        typer.Option("--loop", help="With --replay: begin again at its end, instead of repeating the last answers."),
+    ] = False,
 ) -> None:
-    """Serve one simulated lift that any Modbus/TCP tool can read and command."""
-    source = load_map_or_exit(map_name).map
+    """Serve one simulated lift that any Modbus/TCP tool can read and command, or replay a recorded controller."""
+    if bool(map_name) == (replay is not None):
+        raise typer.BadParameter("give a map, or --replay with a recording", param_hint="MAP")
+    if loop and replay is None:
+        raise typer.BadParameter("only a recording has an end", param_hint="--loop")
     try:
+        if replay is not None:
+            run(run_replay(read_recording(replay), host=host, port=port, loop=loop, console=out))
+            return
+        source = load_map_or_exit(map_name).map
         run(run_simulation(source, host=host, port=port, floors=read_floors(floors), speed=speed, console=out))
+    except RecordingUnusable as error:
+        raise fail(str(error)) from error
+    except NothingRecorded as error:
+        raise fail(f"{replay}: {error}") from error
     except ValueError as error:
         raise fail(str(error)) from error
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Serves one simulated lift that any Modbus tool can read and command."""
+"""Serves one simulated lift, or the recording of a real one, to any Modbus tool."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from contextlib import AsyncExitStack
 from rich.console import Console
 from rich.table import Table as Grid
 
+from lift_manager.commissioning.trace.recording import Recording
 from lift_manager.lab import tryout
 from lift_manager.lab.plant import blind_spots, controllers, default_floors, simulated_lift
+from lift_manager.lab.replay import Replay, serve_replay
 from lift_manager.plain.signals import stop_on_signals
 from register_maps.codec import Codec, Point, compile_map
 from register_maps.schema import RegisterMap
@@ -30,6 +32,22 @@ async def run_simulation(
             await server.start()
             stack.push_async_callback(server.stop)
         _describe(console, codec, named, {name: f"{host}:{server.port}" for name, server in servers.items()})
+        await stop.wait()
+
+
+async def run_replay(recording: Recording, *, host: str, port: int, loop: bool, console: Console) -> None:
+    """Answer like a recorded controller until SIGTERM or Ctrl-C. Raises OSError for a port in use, and NothingRecorded."""
+    stop = asyncio.Event()
+    stop_on_signals(stop)
+
+    def report(line: str) -> None:
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+    replay = Replay(recording, loop=loop, report=report)
+    async with serve_replay(replay, host=host, port=port) as listening:
+        at_end = "begins again" if loop else "repeats the last answers"
+        report(f"{recording.header.link} of {recording.header.began:%Y-%m-%d %H:%M:%S %Z} on {host}:{listening}")
+        report(f"It answers for {replay.lasts_s:.1f} s, from the first request on, and then {at_end}. Ctrl-C ends it.")
         await stop.wait()
 
 

@@ -95,7 +95,7 @@ class Recorder:
         if self._moment is None:
             self._moment = event.at_s, max(self._last_s, self.elapsed_s)
         began_s, here_s = self._moment
-        self._last_s = max(self._last_s, here_s + event.at_s - began_s)
+        self._last_s = max(self._last_s, round(here_s + event.at_s - began_s, 6))
         frame = TracedFrame(self._last_s, event.sent, bytes.fromhex(event.hex), event.text)
         completed = self._pairing.take(frame)
         self.counts.add(completed)
@@ -106,7 +106,7 @@ class Recorder:
     def _gap(self, reason: str) -> None:
         self.end()
         self._moment = None
-        self._last_s = max(self._last_s, self.elapsed_s)
+        self._last_s = max(self._last_s, round(self.elapsed_s, 6))
         self.counts.gaps += 1
         self._sink(Gap(self._last_s, reason))
 
