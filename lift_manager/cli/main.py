@@ -19,6 +19,7 @@ COMMANDS = {
     "simulate": "lab:simulate",
     "keys": "keys:app",
     "lifts": "lifts:lifts",
+    "watch": "watch:watch",
     "trace": "trace:app",
     "ride": "ride:ride",
     "ack": "operate:ack",
