@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, TextIO
 
 import typer
-from rich.console import Group, JustifyMethod, RenderableType
+from rich.console import Group, JustifyMethod, OverflowMethod, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -32,6 +32,9 @@ DRAW_EVERY_S = 0.25
 FIRST_WITHIN_S = 5.0
 """How long `--once` waits for the first reading. Chosen: a controller that answers has answered several times by then."""
 HEADINGS = ("signal", "value", "raw", "printed", "wire", "age s", "qual.", "changed")
+FLEXIBLE = (1, 3, 4)
+"""Which of the columns may be narrower than what is in them: value, printed, wire."""
+MIN_WIDTH = 6
 COLUMNS = ("time", "lift", "signal", "value", "raw", "address", "wire")
 """Of a recording."""
 
@@ -183,7 +186,7 @@ class Watcher:
             "",
             Text("\n".join(shaft)),
             "",
-            _table(rows[:most], is_cut=height is not None),
+            signal_table(rows[:most], width=out.width, is_cut=height is not None),
         ]
         if len(rows) > most:
             parts.append(Text(f"... {len(rows) - most} more: a higher terminal, --signal or --changed shows them"))
@@ -228,17 +231,20 @@ def _open_log(path: Path | None) -> Iterator[ChangeLog | None]:
         yield ChangeLog(file)
 
 
-def _table(rows: Sequence[Row], *, is_cut: bool) -> Table:
+def signal_table(rows: Sequence[Row], *, width: int, is_cut: bool) -> Table:
+    """Return the table of signals. Where it is wider than `width`, values and addresses are cut or folded, and nothing else."""
+    cells = [text.cells(row) for row in rows]
+    widths = [max(map(len, column)) for column in zip(HEADINGS, *cells, strict=True)]
+    while sum(widths) + len(widths) - 1 > width and max(widths[index] for index in FLEXIBLE) > MIN_WIDTH:
+        widths[max(FLEXIBLE, key=lambda index: widths[index])] -= 1
     table = Table(box=None, pad_edge=False, header_style="", padding=(0, 1, 0, 0))
-    for heading in HEADINGS:
-        is_fixed = heading in ("signal", "raw", "age s", "qual.", "changed")
+    for index, heading in enumerate(HEADINGS):
         justify: JustifyMethod = "right" if heading in ("raw", "age s") else "left"
-        table.add_column(
-            heading, no_wrap=is_fixed or is_cut, overflow="ellipsis" if is_cut else "fold", justify=justify
-        )
-    for row in rows:
+        overflow: OverflowMethod = "ellipsis" if is_cut else "fold"
+        table.add_column(heading, width=widths[index], no_wrap=is_cut, overflow=overflow, justify=justify)
+    for row, line in zip(rows, cells, strict=True):
         style = "bold" if row.is_recent else "" if row.quality is SignalQuality.OK else "reverse"
-        table.add_row(*(Text(cell) for cell in text.cells(row)), style=style)
+        table.add_row(*map(Text, line), style=style)
     return table
 
 

@@ -33,6 +33,7 @@ OFFLINE_MARK = "x"
 LEGEND = "| closed  < opening  _ open  > closing  ~ moving  ? unknown  x not read"
 _LEVELS = "▁▂▃▄▅▆▇█"
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+_TABLE = re.compile(r".*[: ]|")
 _BITS = re.compile(r" bits? (\d+)(?: to (\d+))?")
 
 
@@ -135,8 +136,15 @@ def short_wire(wire: str) -> str:
 
 
 def places(addresses: Sequence[str]) -> str:
-    """Return addresses on one line: of many the first and the last."""
-    return ", ".join(addresses) if len(addresses) <= 2 else f"{addresses[0]} ... {addresses[-1]}"
+    """Return addresses on one line: `discrete:0,1` of two in a table, `discrete:0...7` of many."""
+    if len(addresses) < 2:
+        return ", ".join(addresses)
+    tables = {_TABLE.match(address)[0] for address in addresses}  # type: ignore[index]  # it matches every text
+    if len(tables) > 1:
+        return f"{addresses[0]} ... {addresses[-1]}"
+    (table,) = tables
+    numbers = [address.removeprefix(table) for address in addresses]
+    return table + (",".join(numbers) if len(numbers) <= 2 else f"{numbers[0]}...{numbers[-1]}")
 
 
 def _whereabouts(lift: Lift) -> str:
