@@ -49,7 +49,7 @@ def simulate(
     map_name: Annotated[
         str,
         typer.Argument(
-            metavar="[MAP]",
+            metavar="MAP",
             help="A shipped map by name, or the path of a map file; none with --replay.",
             show_default=False,
         ),
@@ -72,7 +72,10 @@ def simulate(
         typer.Option("--loop", help="With --replay: begin again at its end, instead of repeating the last answers."),
     ] = False,
 ) -> None:
-    """Serve one simulated lift that any Modbus/TCP tool can read and command, or replay a recorded controller."""
+    """Serve one simulated lift that any Modbus/TCP tool can read and command, or replay a recorded controller.
+
+    Examples: lift-manager simulate generic-registers; lift-manager simulate --replay door-problem.jsonl
+    """
     if bool(map_name) == (replay is not None):
         raise typer.BadParameter("give a map, or --replay with a recording", param_hint="MAP")
     if loop and replay is None:

@@ -63,12 +63,12 @@ def _duration(text: str) -> float:
     return float(found[1]) * _UNITS[found[2]]
 
 
-@app.command(epilog="Example: lift-manager trace record plc -o door-problem --for 30s")
+@app.command()
 def record(  # noqa: PLR0913  each is an option of the command line
     link: Annotated[
         str,
         typer.Argument(
-            metavar="[LINK]",
+            metavar="LINK",
             help="The controller, by its name in the site file; may be left out where there is only one.",
             show_default=False,
         ),
@@ -98,7 +98,7 @@ def record(  # noqa: PLR0913  each is an option of the command line
 
     Where the manager has keys this needs one of the role commissioner. With --site it polls the lifts itself, in the place of a manager.
 
-    Exit code 1 if there was no frame.
+    Exit code 1 if there was no frame. Example: lift-manager trace record plc -o door-problem --for 30s
     """
     recording = _OpenRecording(_path(output, ".jsonl"), _path(output, ".pcapng"))
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
@@ -120,7 +120,7 @@ def record(  # noqa: PLR0913  each is an option of the command line
     print_lines([f"{recording.jsonl} and {recording.pcapng.name}: {what}"])
 
 
-@app.command(epilog="Example: lift-manager trace show door-problem.jsonl --map generic-registers --changes")
+@app.command()
 def show(  # noqa: PLR0913  each is an option of the command line
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The .jsonl file of a recording.")],
     *,
@@ -146,7 +146,10 @@ def show(  # noqa: PLR0913  each is an option of the command line
         bool, typer.Option("--changes", help="No reads that return the same as the time before.")
     ] = False,
 ) -> None:
-    """Show a recording: one line for each request with its answer, and with --site or --map signals and commands by name."""
+    """Show a recording: one line for each request with its answer, and with --site or --map signals and commands by name.
+
+    Example: lift-manager trace show door-problem.jsonl --map generic-registers --changes
+    """
     try:
         recording = read_recording(file)
     except RecordingUnusable as error:
@@ -189,7 +192,7 @@ def _path(output: Path, ending: str) -> Path:
     stem = output.name.removesuffix(".jsonl").removesuffix(".pcapng")
     path = output.with_name(stem + ending)
     if path.exists():
-        raise typer.BadParameter(f"{path} is there already; give another name", param_hint="--output")
+        raise fail(f"{path}: there already; give another name")
     return path
 
 

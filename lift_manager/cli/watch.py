@@ -63,10 +63,10 @@ def watch(  # noqa: PLR0913  each is an option of the command line
 ) -> None:
     """Show every signal of a lift, live, with the car in its shaft and the last minute. Reads only. Ctrl-C ends it.
 
-    In a pipe it prints one line for each change instead.
+    In a pipe it prints one line for each change instead. Example: lift-manager watch east --site site.yaml --record changes.csv
     """
     if record is not None and record.exists():
-        raise typer.BadParameter(f"{record} is there already; give another name", param_hint="--record")
+        raise fail(f"{record}: there already; give another name")
     watcher = Watcher(lift, tuple(signals or ()), is_recent=changed)
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
 

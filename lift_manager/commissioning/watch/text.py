@@ -46,10 +46,10 @@ def headline(history: History, now_s: float) -> str:
     age = "never read" if age_s is None else f"{age_s:.1f} s old"
     if history.trouble:
         silent_s = history.since_read_s(now_s)
-        return f"!!! {lift.name}: THE MANAGER DOES NOT ANSWER for {silent_s:.0f} s, so the values below are OLD: {history.trouble}"
+        return f"!!! {lift.name}: THE MANAGER DOES NOT ANSWER for {silent_s:.0f} s, so the values are OLD: {history.trouble}"
     if not history.is_live(now_s):
         why = f": {lift.reason}" if lift.reason else ""
-        return f"!!! {lift.name}: OFFLINE, the values below are OLD ({age}){why}"
+        return f"!!! {lift.name}: OFFLINE, the values are OLD ({age}){why}"
     parts = [f"{lift.name}: live ({age})", f"mode {lift.mode}", _whereabouts(lift), str(lift.motion)]
     parts += [f"{side} door {door}" for side, door in lift.doors.items()]
     parts += [] if lift.session is None else [f"held by {lift.session.name}"]
@@ -68,7 +68,7 @@ def shaft(history: History, now_s: float, *, rows: int | None = None) -> list[st
     width = max(len(floor) for floor in lift.floors)
     lines = []
     for floor in reversed(lift.floors):
-        mark = ">" if floor == lift.destination and is_live else " "
+        mark = ">" if is_live and floor == lift.destination != lift.floor else " "
         lines.append(f"{mark} {floor:<{width}}  {_car(lift) if is_live and floor == lift.floor else '.'}")
     where = len(lift.floors) - 1 - lift.floors.index(lift.floor) if is_live and lift.floor in lift.floors else None
     if not is_live:

@@ -131,9 +131,9 @@ def test_a_signal_that_was_never_read_is_no_old_one() -> None:
     ("state", "now_s", "trouble", "begins"),
     [
         (lift(), 0.2, "", "east: live (0.3 s old), mode normal, at L1, stopped, front door closed"),
-        (lift(), 5.0, "", "!!! east: OFFLINE, the values below are OLD (5.1 s old)"),
-        (OFFLINE, 0.0, "", "!!! east: OFFLINE, the values below are OLD (3.0 s old): plc: no connection"),
-        (lift(), 5.0, "refused", "!!! east: THE MANAGER DOES NOT ANSWER for 5 s, so the values below are OLD: refused"),
+        (lift(), 5.0, "", "!!! east: OFFLINE, the values are OLD (5.1 s old)"),
+        (OFFLINE, 0.0, "", "!!! east: OFFLINE, the values are OLD (3.0 s old): plc: no connection"),
+        (lift(), 5.0, "refused", "!!! east: THE MANAGER DOES NOT ANSWER for 5 s, so the values are OLD: refused"),
         (lift(None, standing=False), 0.0, "", "east: live (0.1 s old), mode normal, floor not known"),
     ],
 )
