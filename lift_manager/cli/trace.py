@@ -6,7 +6,7 @@ import asyncio
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -100,14 +100,14 @@ def record(  # noqa: PLR0913  each is an option of the command line
 
     Exit code 1 if there was no frame. Example: lift-manager trace record plc -o door-problem --for 30s
     """
-    recording = _OpenRecording(_path(output, ".jsonl"), _path(output, ".pcapng"))
+    recording = _OpenRecording(_path(output, ".jsonl"), _path(output, ".pcapng"), for_s)
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     try:
         with suppress(KeyboardInterrupt):
             if site is None:
-                connection.run(lambda client: recording.record(client, link, for_s))
+                connection.run(lambda client: recording.record(client, link))
             else:
-                run_directly(site, lambda client: recording.record(client, link, for_s), name="trace")
+                run_directly(site, lambda client: recording.record(client, link), name="trace")
     except OSError as error:
         raise fail(f"{error.filename or output}: cannot be written: {error.strerror or error}") from error
     recorder = recording.recorder
@@ -202,20 +202,19 @@ class _OpenRecording:
 
     jsonl: Path
     pcapng: Path
+    for_s: float | None
+    """How long it is to last; None until Ctrl-C."""
     link: str = ""
     recorder: Recorder | None = None
-    _ends_after: str = field(default="Ctrl-C ends it")
 
-    async def record(self, client: LiftManagerClient, link: str, for_s: float | None) -> None:
+    async def record(self, client: LiftManagerClient, link: str) -> None:
         """Record a link until the time is over, or this is cancelled. Raises OSError where a file cannot be written."""
         self.link = await _chosen(client, link)
         header = Header(self.link, datetime.now(UTC), f"lift-manager {running_version()}")
-        if for_s is not None:
-            self._ends_after = f"of {for_s:g} s; Ctrl-C ends it sooner"
         with self._files(header) as sink:
             self.recorder = Recorder(header, sink)
             with self._progress(self.recorder), suppress(TimeoutError):
-                async with asyncio.timeout(for_s), client.frames(self.link) as stream:
+                async with asyncio.timeout(self.for_s), client.frames(self.link) as stream:
                     await self.recorder.record(stream)
 
     @contextmanager
@@ -242,13 +241,13 @@ class _OpenRecording:
 
     def _line(self, recorder: Recorder) -> Text:
         counts, elapsed_s = recorder.counts, recorder.elapsed_s
-        notes = [f"{elapsed_s:.0f} s", self._ends_after]
+        notes = [f"{elapsed_s:.0f} s" if self.for_s is None else f"{elapsed_s:.0f} of {self.for_s:g} s"]
         if not recorder.is_connected:
             notes.append("the manager does not answer; trying again")
         elif elapsed_s - recorder.lasted_s > SILENT_S:
             notes.append("no frames: the link is down")
         found = f"{counted(counts.frames, 'frame')}, {counted(counts.writes, 'write')}"
-        return Text(f"{self.link}: {found}; {'; '.join(notes)}", overflow="ellipsis", no_wrap=True)
+        return Text(f"{self.link}: {found}; {'; '.join(notes)}; Ctrl-C ends it", overflow="ellipsis", no_wrap=True)
 
 
 async def _chosen(client: LiftManagerClient, link: str) -> str:

@@ -160,12 +160,12 @@ def _car(lift: Lift) -> str:
     return f"{doors} {direction}{', '.join([*words, str(lift.motion)])}"
 
 
-def _window(lines: list[str], around: int, rows: int | None) -> list[str]:
-    """Return at most so many lines around one, and what is left out."""
+def _window(lines: list[str], centre: int, rows: int | None) -> list[str]:
+    """Return at most so many lines centre one, and what is left out."""
     if rows is None or len(lines) <= rows:
         return lines
     kept = max(1, rows - 2)
-    first = min(max(0, around - kept // 2), len(lines) - kept)
+    first = min(max(0, centre - kept // 2), len(lines) - kept)
     above, below = first, len(lines) - first - kept
     return [
         *([f"  ... {above} more above"] if above else []),
