@@ -65,6 +65,10 @@ def watch(  # noqa: PLR0913  each is an option of the command line
 
     In a pipe it prints one line for each change instead. Example: lift-manager watch east --site site.yaml --record changes.csv
     """
+    if record is not None and once:
+        raise typer.BadParameter(
+            "--once shows one moment, in which nothing changes; leave one of them out", param_hint="--record"
+        )
     if record is not None and record.exists():
         raise fail(f"{record}: there already; give another name")
     watcher = Watcher(lift, tuple(signals or ()), is_recent=changed)
@@ -178,7 +182,7 @@ class Watcher:
         if height is None:
             shaft, most = text.shaft(self._history, now_s), len(rows)
         else:
-            spare = height - len(traced) - 6 - len(head.wrap(out, out.width))
+            spare = height - len(traced) - 5 - len(head.wrap(out, out.width))
             shaft = text.shaft(self._history, now_s, rows=max(4, spare - len(rows)))
             most = max(1, spare - len(shaft))
         parts: list[RenderableType] = [

@@ -104,6 +104,7 @@ def test_in_a_pipe_each_change_is_a_line_and_a_row_of_the_recording(
         ("L2", "2", "holding:1", "holding 1"),
     ]
     assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", floors[0]["time"])
+    assert call("watch", "main", "--once", "--record", tmp_path / "b.csv").returncode == 2
     again = call("watch", "main", "--record", file, "--manager", lift_site.address)
     assert again.returncode == 1
     assert again.stderr.startswith(f"{file}: there already; ")

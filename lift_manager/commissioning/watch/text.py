@@ -161,7 +161,7 @@ def _car(lift: Lift) -> str:
 
 
 def _window(lines: list[str], centre: int, rows: int | None) -> list[str]:
-    """Return at most so many lines centre one, and what is left out."""
+    """Return at most so many lines around one, and what is left out."""
     if rows is None or len(lines) <= rows:
         return lines
     kept = max(1, rows - 2)
