@@ -115,7 +115,7 @@ def observe(
 
 def is_fresh(capabilities: Capabilities, moment: Moment) -> bool:
     """Whether the newest reading is young enough to act on and to publish."""
-    return moment.now - moment.read_at <= capabilities.max_age_s
+    return moment.now <= fresh_until(capabilities, moment.read_at)
 
 
 def fresh_until(capabilities: Capabilities, read_at: float) -> float:

@@ -106,10 +106,10 @@ def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, *, rea
 
     `read_at` is that of the reading before.
     """
-    before, max_age_s = record.observation, config.capabilities.max_age_s
+    before, capabilities = record.observation, config.capabilities
     is_same = before is not None and reading.values is before.values and reading.epoch == before.epoch
     is_quiet = not (record.is_busy or record.fault or reading.notices)
-    in_time = reading.at - read_at <= max_age_s and now - reading.at <= max_age_s
+    in_time = reading.at <= fresh_until(capabilities, read_at) and now <= fresh_until(capabilities, reading.at)
     return not (is_same and is_quiet and in_time and before is not None and before.is_settled)
 
 

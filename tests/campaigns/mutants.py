@@ -52,7 +52,7 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/lift/observation.py",
-                "return moment.now - moment.read_at <= capabilities.max_age_s",
+                "return moment.now <= fresh_until(capabilities, moment.read_at)",
                 "return True",
             ),
         ),
