@@ -232,13 +232,16 @@ def contest(draft: Draft, caller: Holder, refusal: Refused | None, *, queued: bo
 
 def _why_contested(draft: Draft, session: Session, caller: Holder) -> tuple[EndReason, str] | Refused | None:
     config, is_occupied, silent_s = draft.config, draft.record.robot_in_car is not None, session.silent_for(draft.now)
-    if session.is_unclaimed and not is_occupied:
+    # what it was told immediately before the restart may not be on the disk
+    is_crossed = session.is_just_restored(draft.now) and doors.may_be_crossed(config, draft.record)
+    if session.is_unclaimed and not (is_occupied or is_crossed):
         return EndReason.UNCLAIMED, f"{caller} was heard first after a restart of the manager"
     if silent_s >= SILENT_S:
         _alarm_about_silence(draft, session, caller, silent_s)
     if session.is_unclaimed:
         held = held_by_another(session, draft.moment)
-        return replace(held, message=f"{held.message}; {unclaimed_text(config.name)}")
+        where = "car" if is_occupied else "door"
+        return replace(held, message=f"{held.message}; {unclaimed_text(config.name, where)}")
     allowed_s = config.takeover_after_s
     if allowed_s is None or silent_s < allowed_s or is_occupied:
         return None

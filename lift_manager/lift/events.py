@@ -242,10 +242,10 @@ def silent_text(lift: str, holder: Holder, caller: Holder, silent_s: float) -> s
     )
 
 
-def unclaimed_text(lift: str) -> str:
-    """Return what the refusal of a lift adds whose holder was silent since a restart."""
+def unclaimed_text(lift: str, where: str) -> str:
+    """Return what the refusal of a lift adds whose holder was silent since a restart; `where` its robot may be."""
     return (
-        "it was not heard since a restart of the manager, and its robot may be in the car; if it needs the lift no more, a"
+        f"it was not heard since a restart of the manager, and its robot may be in the {where}; if it needs the lift no more, a"
         f" person ends its session: {how_to_release(lift)}"
     )
 

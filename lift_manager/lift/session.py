@@ -205,8 +205,11 @@ class Session:
 
     def may_have_invited(self, now: float) -> bool:
         """Whether its robot may be in the door: it was invited, or just before a restart, and that did not reach the disk."""
-        restarted = self.restored_at is not None and now < self.restored_at + self.policy.clear_s
-        return self.opened_at_target or restarted
+        return self.opened_at_target or self.is_just_restored(now)
+
+    def is_just_restored(self, now: float) -> bool:
+        """Whether a robot that was invited immediately before a restart may still be in the door."""
+        return self.restored_at is not None and now < self.restored_at + self.policy.clear_s
 
     def silent_for(self, now: float) -> float:
         """Return for how long its holder has been silent, as far as this process can know."""

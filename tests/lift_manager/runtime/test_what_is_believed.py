@@ -7,6 +7,7 @@ from drivers.model import Command, CommandKind
 from lift_manager.lift.events import Cause
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.session import Holder
 from lift_manager.runtime.recorder import MemoryRecorder
 from register_maps.words import Door, Motion
 from tests.lift_manager.runtime.scripted import AT_L2, FRONT, PLAIN, Bench, on_bench
@@ -156,6 +157,30 @@ def test_our_hold_does_not_keep_a_door_open_that_has_to_close_before_it_is_belie
         left_on=frozenset({"hold_door.front"}),
         door_proven=False,
     )
+
+
+def test_another_caller_that_is_first_after_a_crash_waits_while_a_robot_may_be_in_the_held_door() -> None:
+    memory = MemoryRecorder()
+    other = Holder("rmf", "fleet/robot2")
+
+    async def before(made: Bench) -> None:
+        made.accept("L2")
+        await made.car("L2", Door.OPENING)
+
+    async def after(made: Bench) -> None:
+        for _ in range(9):
+            refused = made.refuse("L1", holder=other)
+            assert refused.code is Refusal.HELD
+            assert "its robot may be in the door" in refused.message
+            await elapse(1)
+        assert made.driver.on == {"hold_door.front"}
+        await elapse(1.5)
+        made.accept("L1", holder=other)
+        assert made.state.holder == other
+
+    left_on = frozenset({"hold_door.front"})
+    on_bench(before, CONTACTS, recorder=memory, door_proven=False)
+    on_bench(after, CONTACTS, recorder=memory, found=PARKED_OPEN, left_on=left_on, door_proven=False)
 
 
 def test_a_contradiction_outlives_the_manager_and_ends_with_a_persons_word() -> None:
