@@ -12,6 +12,8 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 
+from drivers.errors import ILLEGAL_ADDRESS
+from drivers.modbus.memory import Reply
 from lift_manager.commissioning.trace.exchanges import Exchange, exchanges
 from lift_manager.commissioning.trace.recording import Recording, read_recording
 from lift_manager.lab.bench.thread import LoopThread
@@ -20,12 +22,9 @@ from register_maps.errors import BadRequest, FrameError
 from register_maps.frames import Request
 from register_maps.words import BIT_TABLES
 
-Reply = tuple[float, bytes | None]
-"""Delay in seconds, and the bytes that arrive then: as `drivers.modbus.memory` has it."""
 Report = Callable[[str], None]
 """Receives one line about a request that the recording does not have."""
 
-ILLEGAL_ADDRESS = 2
 OPENING_S = 2.0
 """Every request of a poll is sent within so long. Chosen: the slowest usual poll is of one second."""
 
@@ -72,7 +71,7 @@ class Replay:
         self._report = report or (lambda _: None)
         self._reported: set[tuple[int, int, int]] = set()
         self.first_s, self.last_s = found[0].at_s, found[-1].at_s
-        self._poll_s = min((later.at_s - one.at_s for one, later in pairwise(found)), default=0.0)
+        self._step_s = min((later.at_s - one.at_s for one, later in pairwise(found)), default=0.0)
         self._began: float | None = None
         """The time of the clock at which the recording began."""
         self._is_aligned = False
@@ -136,7 +135,7 @@ class Replay:
     def _moment(self, now: float) -> float:
         moment = self.first_s if self._began is None else now - self._began
         if self._loops and moment > self.last_s:
-            return self.first_s + (moment - self.first_s) % (self.lasts_s + self._poll_s)
+            return self.first_s + (moment - self.first_s) % (self.lasts_s + self._step_s)
         return moment
 
     def _note(self, request: Request, what: str) -> None:

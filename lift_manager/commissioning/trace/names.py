@@ -94,11 +94,6 @@ class Names:
         """Every signal by its name here."""
         return tuple(name for name, *_ in self._signals)
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing on this link has a name."""
-        return not self._signals and not self._commands
-
     def signals_in(self, exchange: Exchange) -> tuple[SignalChange, ...]:
         """Return the signals in the answer to a read, those of which a part was never read left out."""
         request, values = exchange.parsed, exchange.values

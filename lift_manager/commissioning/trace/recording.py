@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -138,8 +138,3 @@ def _line(fields: dict[str, object]) -> str:
 
 def _time(when: datetime) -> str:
     return when.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds") + "Z"
-
-
-def frames_of(items: Iterable[Item]) -> Iterator[TracedFrame]:
-    """Yield the frames alone."""
-    return (item for item in items if isinstance(item, TracedFrame))
