@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from drivers.model import (
     Capabilities,
     Command,
+    CommandInfo,
+    CommandStep,
     DriverFailed,
     Hold,
     LiftReading,
     Outcome,
     OutputChanged,
+    PlannedWrite,
     PressId,
     SignalValue,
     Written,
@@ -106,6 +109,18 @@ class LiftDriver(Protocol):
 
     def frames(self, command: Command) -> tuple[str, ...]:
         """Return the writes that a press of this command would send, as far as they are known without reading."""
+        ...
+
+    def commands(self) -> tuple[CommandInfo, ...]:
+        """Return every command of the map, whether or not the site grants control."""
+        ...
+
+    def plan(self, steps: Sequence[CommandStep]) -> tuple[PlannedWrite, ...]:
+        """Return every press and release that these steps would write from rest, in order; what is on at their end is released.
+
+        Nothing is sent. A pulse ends before the next press. Left out are heartbeats, repetitions of what is on, and reads. Raises
+        ValueError for a command that the map does not have, or a floor that the site does not have.
+        """
         ...
 
     def fence(self, until: float) -> None:

@@ -211,6 +211,68 @@ class SignalValue:
 
 
 @dataclass(frozen=True, slots=True)
+class CommandInfo:
+    """One command of the map, for people who try it out."""
+
+    name: str
+    """As the map names it, such as `hold_door.front`."""
+    meaning: str
+    """What it does, in words."""
+    takes_floor: bool
+    addresses: tuple[str, ...]
+    """Where it is written, as the map writes it, such as `holding:12`."""
+    wire: tuple[str, ...]
+    """The same places on the wire, where the first one is 0, moved by the lift's offset: `holding 11 bits 4 to 5`."""
+    action: str
+    """`pulse`, `hold`, or `count` and `toggle` of a heartbeat."""
+    ends_itself: bool
+    """The device ends the pulse, not we."""
+    width_s: float | None
+    """How long a pulse lasts."""
+    max_hold_s: float | None
+    """How long a hold lasts at most unless it is renewed."""
+    refresh_s: float | None
+    """How often a hold is written again."""
+    until: str
+    """What ends a hold by itself: `arrived`, `closed`, `robot_in_place` or `robot_left`; empty for nothing."""
+    on_link_loss: str
+    """What becomes of a hold when its manager is lost: `device_watchdog`, `timed_by_device` or `latches`; empty for other commands."""
+    requires: tuple[str, ...]
+    """Flags that must read yes before it is pressed."""
+    confirmed_within_s: float
+    """How long the lift may take to show that it has taken it."""
+    state: OutputState | None
+    """Of its output; None for a heartbeat, and where the site grants no control."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandStep:
+    """One step of a trial: press a command, or release it."""
+
+    command: Command
+    is_release: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedWrite:
+    """One write that a command would send."""
+
+    name: str
+    """The command as the map names it."""
+    what: str
+    """`reset`, `press` or `release`, as in `Written`."""
+    addresses: tuple[str, ...]
+    """What of the command it writes, as the map writes it."""
+    function: int
+    text: str
+    """The request in words, with its address on the wire."""
+    frame: str
+    """Unit, function and data as hex, without the transaction id."""
+    is_read_first: bool
+    """Others write bits of the same register: it is read first, and their bits, 0 here, are written as found."""
+
+
+@dataclass(frozen=True, slots=True)
 class Capabilities:
     """The signals, commands and rules of this lift, from its map and its site."""
 

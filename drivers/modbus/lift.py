@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from drivers.driver import DriverOwner
 from drivers.errors import (
@@ -26,13 +26,17 @@ from drivers.modbus.reading import lift_values
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.signals import Signals
 from drivers.modbus.units import Unit, Units
+from drivers.modbus.write_plan import command_info, plan_writes
 from drivers.modbus.write_reports import WriteReports
 from drivers.modbus.writer import Writer
 from drivers.model import (
     Command,
+    CommandInfo,
+    CommandStep,
     Hold,
     LiftReading,
     LiftValues,
+    PlannedWrite,
     PressId,
     Result,
     SignalValue,
@@ -246,6 +250,16 @@ class ModbusLift:
         if command.name not in self._outputs or code is None:
             return ()
         return self._writer.plan_frames(*self._outputs.plan_press(command.name, code))
+
+    def commands(self) -> tuple[CommandInfo, ...]:
+        """Return every command of the map."""
+        states = self._reports.states if self._commands else {}
+        return tuple(command_info(command, states.get(name)) for name, command in self._codec.commands.items())
+
+    def plan(self, steps: Sequence[CommandStep]) -> tuple[PlannedWrite, ...]:
+        """Return every press and release that these steps would write from rest."""
+        coded = [(step, self._code(step.command)) for step in steps]
+        return plan_writes(self._codec, self._units.unit, coded)
 
     def fence(self, until: float) -> None:
         """Write nothing at or after this time."""

@@ -64,7 +64,12 @@ def _printed(codec: Codec, signal: SignalCodec) -> tuple[str, ...]:
 def _on_wire(codec: Codec, signal: SignalCodec) -> tuple[str, ...]:
     # of a 32-bit number the lower address comes first, whichever half it holds
     points = sorted(signal.points) if codec.map.signals[signal.name].is_wide else signal.points
-    return tuple(f"{point.space} {point.address}{_bits(point)}" for point in points)
+    return tuple(map(wire_text, points))
+
+
+def wire_text(point: Point) -> str:
+    """Return a place on the wire, for people."""
+    return f"{point.space} {point.address}{_bits(point)}"
 
 
 def _bits(point: Point) -> str:

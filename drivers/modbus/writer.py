@@ -13,7 +13,7 @@ from drivers.modbus.plan import plan_reads
 from drivers.modbus.steps import READ_ONLY_KINDS, Step, StepKind
 from drivers.modbus.units import Units
 from drivers.modbus.write_reports import CUT_SHORT, WriteReports, hex_frames
-from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
+from drivers.modbus.writes import block_request, block_write, blocks_in_order, read_back_blocks, step_requests
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
 
@@ -72,12 +72,8 @@ class Writer:
 
     def plan_frames(self, step: Step, cells: Cells) -> tuple[str, ...]:
         """Return the writes of a press as hex, without reading: the bits of other writers in the same words count as 0."""
-        command = self._commands[step.name]
         return hex_frames(
-            [
-                self._request(command, step, block, function, cells)
-                for block, function in self._in_order(command, step, cells)
-            ]
+            [request for _, request in step_requests(self._commands[step.name], step, cells, self._units.unit)]
         )
 
     async def write(self, step: Step, cells: Cells, permit: Permit | None) -> AsyncIterator[Request]:
@@ -109,7 +105,7 @@ class Writer:
             return
         command = self._commands[step.name]
         failure: DriverError | None = None
-        for block, function in self._in_order(command, step, cells):
+        for block, function in blocks_in_order(command, step, cells):
             try:
                 yield await self._write_block(command, step, block, function, cells, permit, sent)
             except DriverError as error:
@@ -155,21 +151,14 @@ class Writer:
         sent: list[Request],
     ) -> Request:
         if not command.is_shared or function == MASK_WRITE or command.is_timed_coil:
-            return await self._send(self._request(command, step, block, function, cells), block, permit, sent)
+            request = block_request(command, step, block, function, cells, self._unit(block))
+            return await self._send(request, block, permit, sent)
         async with self._units.word_lock(block.endpoint):
             fresh: dict[Cell, int] = await self._units.cells([block])
             for point, value in command.encode(step.code).items():
                 if block.holds(point):
                     fresh[point.cell] = point.into(fresh[point.cell], value)
             return await self._send(block_write(block, function, fresh, self._unit(block)), block, permit, sent)
-
-    def _request(self, command: CommandCodec, step: Step, block: Block, function: int, cells: Cells) -> Request:
-        unit = self._unit(block)
-        if command.is_timed_coil:
-            return timed_pulse(command, block, unit)
-        if function == MASK_WRITE:
-            return masked_write(command.encode(step.code), block, unit)
-        return block_write(block, function, cells, unit)
 
     async def _send(self, request: Request, block: Block, permit: Permit | None, sent: list[Request]) -> Request:
         sent.append(request)
@@ -180,19 +169,6 @@ class Writer:
                 sent.pop()
             raise
         return request
-
-    def _in_order(self, command: CommandCodec, step: Step, cells: Cells) -> list[tuple[Block, int]]:
-        """Return the blocks of a command with their functions: first those that come to rest.
-
-        Of outputs that the device releases by itself, or that show lamps, only the pressed one is written: the others are at
-        rest, and a 0 there may have another meaning, such as the end of a passenger's call.
-        """
-        pairs = list(zip(command.blocks, command.functions, strict=True))
-        if (command.spec.ends_itself or command.shows_lamp) and command.spec.one_of is not None:
-            code = step.was if step.code is None else step.code
-            pressed = {point.cell for point, value in command.encode(code).items() if value}
-            pairs = [pair for pair in pairs if not pressed.isdisjoint(pair[0].cells)]
-        return sorted(pairs, key=lambda pair: any(cells[cell] for cell in pair[0].cells))
 
     def _unit(self, block: Block) -> int:
         return self._units.unit(block.endpoint)

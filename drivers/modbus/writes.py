@@ -2,12 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
+from drivers.modbus.steps import Step
 from register_maps import frames
 from register_maps.codec import Block, Cell, CommandCodec, Point
 from register_maps.command_codec import Written, payload_counts
-from register_maps.frames import Request
+from register_maps.frames import MASK_WRITE, Request
+
+
+def step_requests(
+    command: CommandCodec, step: Step, cells: Mapping[Cell, int], unit_of: Callable[[str], int]
+) -> list[tuple[Block, Request]]:
+    """Return every request of a step with its block, in order, without reading: the bits of other writers in the same words are 0."""
+    return [
+        (block, block_request(command, step, block, function, cells, unit_of(block.endpoint)))
+        for block, function in blocks_in_order(command, step, cells)
+    ]
+
+
+def blocks_in_order(command: CommandCodec, step: Step, cells: Mapping[Cell, int]) -> list[tuple[Block, int]]:
+    """Return the blocks of a command with their functions: first those that come to rest.
+
+    Of outputs that the device releases by itself, or that show lamps, only the pressed one is written: the others are at
+    rest, and a 0 there may have another meaning, such as the end of a passenger's call.
+    """
+    pairs = list(zip(command.blocks, command.functions, strict=True))
+    if (command.spec.ends_itself or command.shows_lamp) and command.spec.one_of is not None:
+        code = step.was if step.code is None else step.code
+        pressed = {point.cell for point, value in command.encode(code).items() if value}
+        pairs = [pair for pair in pairs if not pressed.isdisjoint(pair[0].cells)]
+    return sorted(pairs, key=lambda pair: any(cells[cell] for cell in pair[0].cells))
+
+
+def block_request(
+    command: CommandCodec, step: Step, block: Block, function: int, cells: Mapping[Cell, int], unit: int
+) -> Request:
+    """Return the request of a step for one block of its command."""
+    if command.is_timed_coil:
+        return timed_pulse(command, block, unit)
+    if function == MASK_WRITE:
+        return masked_write(command.encode(step.code), block, unit)
+    return block_write(block, function, cells, unit)
 
 
 def block_write(block: Block, function: int, cells: Mapping[Cell, int], unit: int) -> Request:

@@ -256,3 +256,71 @@ class Signals(Answer):
         """Return the signals of a lift."""
         signals = tuple(Signal.model_validate(signal) for signal in lift.signals)
         return cls(name=lift.lift, age_s=lift.age_s, max_age_s=lift.max_age_s, signals=signals)
+
+
+class LiftCommand(Answer):
+    """One command of a lift's map."""
+
+    name: str = Field(examples=["hold_door.front"])
+    meaning: str
+    takes_floor: bool
+    addresses: tuple[str, ...] = Field(description="As the map prints them.", examples=[["coil:9"]])
+    wire: tuple[str, ...] = Field(
+        description="The same places on the wire, where the first one is 0.", examples=[["coil 8"]]
+    )
+    action: str = Field(description="`pulse`, `hold`, or `count` and `toggle` of a heartbeat.", examples=["hold"])
+    ends_itself: bool = Field(description="Whether the controller ends the pulse, not the manager.")
+    width_s: float | None = Field(description="How long a pulse lasts.")
+    max_hold_s: float | None = Field(description="How long a hold lasts at most unless it is renewed.")
+    refresh_s: float | None = Field(description="How often a hold is written again.")
+    until: str = Field(
+        description="What ends a hold by itself: `arrived`, `closed`, `robot_in_place` or `robot_left`; empty for nothing."
+    )
+    on_link_loss: str = Field(
+        description="What becomes of a hold when its manager is lost: `device_watchdog`, `timed_by_device`, or `latches`: it stays on."
+        " Empty for other commands.",
+        examples=["device_watchdog"],
+    )
+    requires: tuple[str, ...] = Field(description="Flags that must read yes before it is pressed.")
+    confirmed_within_s: float = Field(description="How long the lift may take to show that it has taken it.")
+    state: str | None = Field(
+        description="Of its output: `at rest` (off, and verified), `requested`, `on`, `held` (on, and verified), `lost` (found off), or"
+        " `releasing`. null for a heartbeat, and on a lift that is only watched.",
+        examples=["at rest"],
+    )
+
+
+class LiftCommands(Answer):
+    """Every command of a lift's map, whether or not the site lets the manager write."""
+
+    name: str
+    same_floor_call: bool = Field(
+        description="Whether a call to the floor where the car stands opens its door; otherwise the door hold does."
+    )
+    commands: tuple[LiftCommand, ...]
+
+
+class PlannedWrite(Answer):
+    """One write that a command would send."""
+
+    name: str = Field(description="The command.", examples=["hold_door.front"])
+    what: str = Field(
+        description="`press`, `release`, or `reset`: the rest value, so that the press that follows is an edge."
+    )
+    addresses: tuple[str, ...] = Field(description="As the map prints them.", examples=[["coil:9"]])
+    function: int = Field(description="The Modbus function code.", examples=[5])
+    text: str = Field(description="In words, with the address on the wire.", examples=["write coil 8 := on, unit 1"])
+    frame: str = Field(
+        description="Unit, function and data as hex, as in the journal: the frame without its first six bytes.",
+        examples=["01050008ff00"],
+    )
+    is_read_first: bool = Field(
+        description="Whether others write bits of the same register: it is read first, and their bits, 0 here, are written as found."
+    )
+
+
+class PlannedWrites(Answer):
+    """What steps would write, in order."""
+
+    name: str
+    writes: tuple[PlannedWrite, ...]

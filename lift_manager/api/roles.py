@@ -120,6 +120,8 @@ ROUTES: tuple[Route, ...] = (
     Route(_GET, "/api/v1/lifts", AccessLevel.READ),
     Route(_GET, f"{_LIFT}/capabilities", AccessLevel.READ, LiftIn.PATH),
     Route(_GET, f"{_LIFT}/signals", AccessLevel.READ, LiftIn.PATH),
+    Route(_GET, f"{_LIFT}/commands", AccessLevel.READ, LiftIn.PATH),
+    Route(_GET, f"{_LIFT}/commands/writes", AccessLevel.READ, LiftIn.PATH),
     Route(_GET, f"{_SESSION}/commands/{{command}}", AccessLevel.COMMAND, LiftIn.PATH),
     Route(_GET, _SESSION, AccessLevel.COMMAND, LiftIn.PATH),
     Route(_GET, _LIFT, AccessLevel.READ, LiftIn.PATH),

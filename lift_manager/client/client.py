@@ -19,7 +19,7 @@ import httpx
 from lift_manager.api.events import Links
 from lift_manager.api.fields import Answer
 from lift_manager.api.keys import Secret
-from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
+from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, LiftCommands, Lifts, PlannedWrites, Signals
 from lift_manager.api.people import (
     AcknowledgedAnswer,
     DrainAnswer,
@@ -127,6 +127,15 @@ class LiftManagerClient:
     async def signals(self, lift: str) -> Signals:
         """The value of each signal of a lift."""
         return await self._http.get(lift_path(lift, "signals"), Signals)
+
+    async def commands(self, lift: str) -> LiftCommands:
+        """Every command of a lift's map, and what its output does."""
+        return await self._http.get(lift_path(lift, "commands"), LiftCommands)
+
+    async def planned_writes(self, lift: str, *steps: str) -> PlannedWrites:
+        """What steps such as `press go_to L2` and `release hold_door.front` would write; nothing is sent."""
+        request = HttpRequest("GET", lift_path(lift, "commands", "writes"), {"step": steps}, repeat=True)
+        return await self._http.send(request, PlannedWrites)
 
     # sessions; `session` is more convenient
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
+from drivers.model import Command, CommandInfo, CommandKind, CommandStep, PlannedWrite
 from lift_manager.lift import history
 from lift_manager.lift.commands import CommandRequest, CommandState, CommandStatus, SessionInfo
 from lift_manager.lift.config import LiftConfig
@@ -20,7 +21,7 @@ from lift_manager.lift.events import (
     RestrictionEnded,
     RestrictionKind,
 )
-from lift_manager.lift.inhibits import age_s
+from lift_manager.lift.inhibits import age_s, unknown_floor
 from lift_manager.lift.inputs import (
     Acknowledge,
     CloseSession,
@@ -48,6 +49,7 @@ from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.recorder import Clock, Recorder, wall_clock
 from lift_manager.runtime.refusals import FaceRefusal, RefusalLog
 from lift_manager.runtime.rides import SiteRides
+from register_maps.words import Side
 
 RECORDED_WITHIN_S = 0.5
 """So long an answer that changed something waits for the disk. Chosen: a client waits a second."""
@@ -109,6 +111,20 @@ class Site:
         actor = self._lift(lift)
         signals = actor.driver.signals(asyncio.get_running_loop().time())
         return LiftSignals(lift, self.age_s(lift), actor.config.capabilities.max_age_s, signals)
+
+    def map_commands(self, lift: str) -> tuple[CommandInfo, ...]:
+        """Return every command of a lift's map, and what its output does now."""
+        return self._lift(lift).driver.commands()
+
+    def planned_writes(self, lift: str, steps: Iterable[str]) -> tuple[PlannedWrite, ...]:
+        """Return what these steps would write from rest, each as `press go_to L2` or `release hold_door.front`. Nothing is sent."""
+        actor = self._lift(lift)
+        parsed = [_parse_step(step) for step in steps]
+        known = {command.name: command for command in actor.driver.commands()}
+        for step in parsed:
+            if (refused := _step_refused(actor.config, known, step)) is not None:
+                self.refusals.refuse(lift, refused)
+        return actor.driver.plan([step for step in parsed if step is not None])
 
     def durable(self, lift: str) -> DurableRecord:
         """Return what of a lift outlives the manager: what people decided, and what they have to see to."""
@@ -323,3 +339,27 @@ class Site:
         if not isinstance(reply, kind):
             raise TypeError(f"{lift} replied {reply!r}")
         return reply
+
+
+def _parse_step(text: str) -> CommandStep | None:
+    """Return a step by its words; None for no such step."""
+    verb, _, rest = text.partition(" ")
+    name, _, floor = rest.partition(" ")
+    kind, _, side = name.partition(".")
+    if verb not in ("press", "release") or kind not in set(CommandKind) or side not in {"", *Side}:
+        return None
+    command = Command(CommandKind(kind), floor or None, Side(side) if side else None)
+    return CommandStep(command, is_release=verb == "release")
+
+
+def _step_refused(config: LiftConfig, known: Mapping[str, CommandInfo], step: CommandStep | None) -> Refused | None:
+    commands = ", ".join(known)
+    if step is None or (info := known.get(step.command.name)) is None:
+        named = "a step" if step is None else step.command.name
+        text = f"{config.name} has no {named} like that; write `press` or `release` and one of {commands}"
+        return Refused(Refusal.NOT_POSSIBLE, text)
+    if info.takes_floor:
+        return unknown_floor(config, step.command.floor or "")
+    if step.command.floor is not None:
+        return Refused(Refusal.NOT_POSSIBLE, f"{config.name}: {info.name} takes no floor")
+    return None

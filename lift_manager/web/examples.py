@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 
-from lift_manager.api.lifts import ClosedEvidence, Held, Lift, LiftCapabilities, Lifts, Restricted, Signal, Signals
+from lift_manager.api.lifts import (
+    ClosedEvidence,
+    Held,
+    Lift,
+    LiftCapabilities,
+    LiftCommand,
+    LiftCommands,
+    Lifts,
+    PlannedWrite,
+    PlannedWrites,
+    Restricted,
+    Signal,
+    Signals,
+)
 from lift_manager.api.rides import Plan, Ride, Rides
 from lift_manager.api.rmf import RmfAccepted, RmfAlarms, RmfHolder, RmfLiftAnswer, RmfSiteAnswer
 from lift_manager.api.sessions import Command, Session
@@ -66,6 +79,52 @@ SIGNALS = Signals(
     max_age_s=2.0,
     signals=(
         Signal(name="door.front", value="open", raw=2, addresses=("holding:12",), wire=("holding 11",), age_s=0.12),
+    ),
+)
+COMMANDS = LiftCommands(
+    name="east",
+    same_floor_call=False,
+    commands=(
+        LiftCommand(
+            name="hold_door.front",
+            meaning="opens the front door and keeps it open, as the door-open button does",
+            takes_floor=False,
+            addresses=("holding:17",),
+            wire=("holding 17",),
+            action="hold",
+            ends_itself=False,
+            width_s=None,
+            max_hold_s=30.0,
+            refresh_s=1.0,
+            until="",
+            on_link_loss="device_watchdog",
+            requires=(),
+            confirmed_within_s=2.0,
+            state="at rest",
+        ),
+    ),
+)
+PLANNED_WRITES = PlannedWrites(
+    name="east",
+    writes=(
+        PlannedWrite(
+            name="hold_door.front",
+            what="press",
+            addresses=("holding:17",),
+            function=6,
+            text="write register 17 := 1, unit 1",
+            frame="010600110001",
+            is_read_first=False,
+        ),
+        PlannedWrite(
+            name="hold_door.front",
+            what="release",
+            addresses=("holding:17",),
+            function=6,
+            text="write register 17 := 0, unit 1",
+            frame="010600110000",
+            is_read_first=False,
+        ),
     ),
 )
 SESSION = Session(

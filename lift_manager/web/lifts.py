@@ -11,7 +11,17 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel
 from starlette.responses import Response
 
-from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
+from lift_manager.api.lifts import (
+    AGE_HEADER,
+    Lift,
+    LiftCapabilities,
+    LiftCommand,
+    LiftCommands,
+    Lifts,
+    PlannedWrite,
+    PlannedWrites,
+    Signals,
+)
 from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.site import Site
 from lift_manager.web.body import quoted
@@ -31,6 +41,8 @@ for `max_age_s` turns `offline`, and that is a change: a 304 for a live lift mea
 `max_age_s` must assume nothing about the lift.
 """
 
+MOST_STEPS = 32
+"""Chosen: a trip presses ten."""
 _HEADERS = {
     "ETag": {
         "description": "Of everything but `age_s` and `for_s`; of the moment that `releases_in_s` counts down to.",
@@ -62,6 +74,20 @@ _IF_NONE_MATCH = {
     ]
 }
 """Not a typed parameter: a header that is sent in several lines has the tags of all of them."""
+
+_STEPS = {
+    "parameters": [
+        *_IF_NONE_MATCH["parameters"],
+        {
+            "name": "step",
+            "in": "query",
+            "required": True,
+            "description": "`press` or `release`, a command of the map and, for a call, its floor; repeated for each step, in order.",
+            "schema": {"type": "array", "items": {"type": "string"}, "minItems": 1, "maxItems": MOST_STEPS},
+            "example": ["press robot_mode", "press go_to L2"],
+        },
+    ]
+}
 
 router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
 
@@ -109,6 +135,49 @@ async def signals(lift: LiftName, request: Request) -> Response:
     whole = Signals.of(found)
     bare = tuple(signal.model_copy(update={"age_s": None}) for signal in whole.signals)
     return tagged(request, whole, whole.model_copy(update={"age_s": None, "signals": bare}), found.age_s)
+
+
+@router.get(
+    "/{lift}/commands",
+    name="commands",
+    summary="Every command of a lift",
+    response_model=LiftCommands,
+    responses=_LIFT_RESPONSES,
+    openapi_extra=_IF_NONE_MATCH,
+)
+async def lift_commands(lift: LiftName, request: Request) -> Response:
+    """As its map has them, also on a lift that is only watched: addresses, how each ends, and what its output does now.
+
+    A session commands a lift; this is for people who compare its outputs with the drawings of the lift.
+    """
+    site = _site_with_lift(request, lift)
+    commands = tuple(LiftCommand.model_validate(command) for command in site.map_commands(lift))
+    whole = LiftCommands(name=lift, same_floor_call=site.config(lift).capabilities.same_floor_call, commands=commands)
+    return tagged(request, whole, whole, site.state(lift).age_s)
+
+
+@router.get(
+    "/{lift}/commands/writes",
+    name="writes",
+    summary="What commands would write",
+    response_model=PlannedWrites,
+    responses=_TAGGED | problems(*EVERY_LIFT, "not_possible", "unknown_floor", "malformed"),
+    openapi_extra=_STEPS,
+)
+async def planned_writes(lift: LiftName, request: Request) -> Response:
+    """In order, byte for byte, from rest, as the driver would write them; what is on at the end is released. Nothing is sent.
+
+    Left out are heartbeats, repetitions of what is held, and reads. A session presses `robot_mode` first where the map has it. A counter
+    in a block that is always written as a whole is 0 here.
+    """
+    site = _site_with_lift(request, lift)
+    steps = request.query_params.getlist("step")
+    if not 1 <= len(steps) <= MOST_STEPS:
+        text = f"give 1 to {MOST_STEPS} steps, such as ?step=press%20robot_mode&step=press%20go_to%20L2"
+        raise RequestError("malformed", text, field="step")
+    writes = tuple(PlannedWrite.model_validate(write) for write in site.planned_writes(lift, steps))
+    whole = PlannedWrites(name=lift, writes=writes)
+    return tagged(request, whole, whole, site.state(lift).age_s)
 
 
 @router.get(

@@ -128,6 +128,8 @@ _EXAMPLES = (
     examples.LIFTS,
     examples.CAPABILITIES,
     examples.SIGNALS,
+    examples.COMMANDS,
+    examples.PLANNED_WRITES,
     examples.SESSION,
     examples.COMMAND,
     examples.RIDE,

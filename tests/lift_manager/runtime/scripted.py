@@ -3,7 +3,7 @@
 import asyncio
 import math
 from asyncio import Future
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
@@ -12,12 +12,15 @@ from drivers.errors import Delivery, DriverError
 from drivers.model import (
     Capabilities,
     Command,
+    CommandInfo,
+    CommandStep,
     Hold,
     LiftReading,
     LiftValues,
     Outcome,
     OutputChanged,
     OutputState,
+    PlannedWrite,
     PressId,
     Result,
     SignalValue,
@@ -201,6 +204,12 @@ class ScriptedDriver:
         self._report_states()
 
     def frames(self, command: Command) -> tuple[str, ...]:
+        return ()
+
+    def commands(self) -> tuple[CommandInfo, ...]:
+        return ()
+
+    def plan(self, steps: Sequence[CommandStep]) -> tuple[PlannedWrite, ...]:
         return ()
 
     def fence(self, until: float) -> None:

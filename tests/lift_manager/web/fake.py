@@ -1,7 +1,7 @@
 """A site for the tests of the web face, and ways to request something of the application."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ import httpx
 from fastapi import FastAPI
 from starlette.types import ASGIApp
 
-from drivers.model import Capabilities, Proof, SignalValue
+from drivers.model import Capabilities, CommandInfo, PlannedWrite, Proof, SignalValue
 from lift_manager.api.keys import Keys
 from lift_manager.lift.commands import CommandRequest, CommandState, CommandStatus, SessionInfo, SessionOver
 from lift_manager.lift.config import LiftConfig
@@ -39,7 +39,7 @@ from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.limits import HANDSHAKE_WITHIN_S
 from lift_manager.web.server import listen, serve
 from lift_manager.web.tls import ServerCertificates
-from tests.lift_manager.web.fake_lifts import ABLE, AT, DOOR, IDLE, config_of
+from tests.lift_manager.web.fake_lifts import ABLE, AT, DOOR, HOLD, IDLE, PRESS, config_of
 from tests.lift_manager.web.fake_rides import FakeRides
 from tests.lift_manager.web.fake_sessions import a_command, a_session
 
@@ -129,6 +129,14 @@ class FakeSite(Site):
 
     def signals(self, lift: str) -> LiftSignals:
         return LiftSignals(lift, self.state(lift).age_s, self._able.max_age_s, self._signals)
+
+    def map_commands(self, lift: str) -> tuple[CommandInfo, ...]:
+        self.state(lift)
+        return (HOLD,)
+
+    def planned_writes(self, lift: str, steps: Iterable[str]) -> tuple[PlannedWrite, ...]:
+        self.state(lift)
+        return tuple(replace(PRESS, name=step.partition(" ")[2]) for step in steps)
 
     @property
     def unwritten(self) -> frozenset[str]:

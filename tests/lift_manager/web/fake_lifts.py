@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 
-from drivers.model import Capabilities, SignalValue
+from drivers.model import Capabilities, CommandInfo, OutputState, PlannedWrite, SignalValue
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.state import LiftState, Quality
@@ -54,6 +54,33 @@ ABLE = Capabilities(
     trust="vendor-manual",
 )
 DOOR = SignalValue(name="door.front", value="open", raw=2, addresses=("holding:12",), age_s=0.1, wire=("holding 11",))
+
+HOLD = CommandInfo(
+    name="hold_door.front",
+    meaning="opens the front door and keeps it open",
+    takes_floor=False,
+    addresses=("holding:17",),
+    wire=("holding 17",),
+    action="hold",
+    ends_itself=False,
+    width_s=None,
+    max_hold_s=30.0,
+    refresh_s=1.0,
+    until="",
+    on_link_loss="device_watchdog",
+    requires=(),
+    confirmed_within_s=2.0,
+    state=OutputState.AT_REST,
+)
+PRESS = PlannedWrite(
+    name="hold_door.front",
+    what="press",
+    addresses=("holding:17",),
+    function=6,
+    text="write register 17 := 1, unit 1",
+    frame="010600110001",
+    is_read_first=False,
+)
 
 
 def config_of(state: LiftState, able: Capabilities) -> LiftConfig:

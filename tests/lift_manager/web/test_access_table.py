@@ -83,6 +83,8 @@ def url_of(path: str, lift: str) -> str:
     named = (
         named.replace("{session}", "s1").replace("{command}", "1").replace("{ride}", "r1").replace("{link:path}", "plc")
     )
+    if path.endswith("/writes"):
+        return f"{named}?step=press%20go_to%20L2"
     return f"{named}?lift_name={lift}" if "lift_" in path else named
 
 

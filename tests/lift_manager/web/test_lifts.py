@@ -22,7 +22,8 @@ from tests.support.rows import each_row
 LIFTS = "/api/v1/lifts"
 HELD = replace(IDLE, holder=Holder("api", "amr-7"), held_since_s=12.5)
 OFFLINE = replace(IDLE, quality=Quality.OFFLINE, reason="nothing newer within 2 s: no answer", age_s=7.25)
-EVERY = ["", "/lift", "/lift/capabilities", "/lift/signals"]
+WRITES = "/lift/commands/writes?step=press%20hold_door.front"
+EVERY = ["", "/lift", "/lift/capabilities", "/lift/signals", "/lift/commands", WRITES]
 
 
 def read(site: FakeSite, path: str, tag: str | None = None) -> httpx.Response:
@@ -59,7 +60,19 @@ def test_what_a_lift_can_do_and_what_its_signals_say_is_told() -> None:
     assert door["wire"] == ["holding 11"]
 
 
-@each_row("path", ["/elevator", "/elevator/capabilities", "/elevator/signals", "/li%22ft"])
+def test_the_commands_of_a_lift_and_what_they_would_write_are_told() -> None:
+    (hold,) = read(FakeSite(), "/lift/commands").json()["commands"]
+    assert (hold["name"], hold["addresses"], hold["wire"]) == ("hold_door.front", ["holding:17"], ["holding 17"])
+    assert (hold["action"], hold["on_link_loss"], hold["state"]) == ("hold", "device_watchdog", "at rest")
+    (write,) = read(FakeSite(), WRITES).json()["writes"]
+    assert (write["name"], write["what"], write["frame"]) == ("hold_door.front", "press", "010600110001")
+
+
+def test_steps_are_needed_to_tell_what_they_would_write() -> None:
+    refused(read(FakeSite(), "/lift/commands/writes"), 422, "malformed")
+
+
+@each_row("path", ["/elevator", "/elevator/capabilities", "/elevator/signals", "/elevator/commands", "/li%22ft"])
 def test_an_unknown_lift_is_404_with_the_lifts_there_are(path: str) -> None:
     assert refused(read(FakeSite(), path), 404, "unknown_lift").endswith("the lifts are lift, goods")
 
