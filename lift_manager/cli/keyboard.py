@@ -1,4 +1,4 @@
-"""Prompts a person at the terminal to press ENTER."""
+"""Prompts a person at the terminal: to press ENTER, or to type a word."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from enum import Enum, auto
 
 from lift_manager.cli.common import print_stderr
@@ -58,6 +59,20 @@ async def wait_for_enter(question: str, is_open: Callable[[], bool], terminal: i
         return EnterResult.WITHDRAWN
     finally:
         loop.remove_reader(terminal)
+
+
+def read_typed(question: str) -> str:
+    """Print a prompt, and return the line that is typed after it; empty if nobody can type.
+
+    Input typed before the prompt is discarded, because it was meant for something else.
+    """
+    if sys.platform != "win32":
+        with suppress(termios.error):
+            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
+    try:
+        return input(question)
+    except (OSError, EOFError):
+        return ""
 
 
 def _read_line(terminal: int) -> bytes:

@@ -22,6 +22,7 @@ COMMANDS = {
     "watch": "watch:watch",
     "trace": "trace:app",
     "ride": "ride:ride",
+    "poke": "poke:poke",
     "ack": "operate:ack",
     "lockout": "operate:lockout",
     "drain": "operate:drain",

@@ -238,19 +238,28 @@ def one_output(command: CommandCodec) -> str:
     return f"{on} = on" if spec.ends_itself else f"{on} = on, {rest} = released"
 
 
+def press_text(*, is_hold: bool, ends_itself: bool, width_s: float | None, max_hold_s: float | None, until: str) -> str:
+    """Describe how long a command is on, and what ends it."""
+    if ends_itself:
+        return f"a press of {width_s or 0.0:g} s that the device ends; nothing is written back"
+    if not is_hold:
+        return f"pressed for {width_s or 0.0:g} s, then released"
+    ends = {"arrived": "until the car is there", "closed": "until the door is closed"}
+    ends |= {"robot_in_place": "until the robot is in place", "robot_left": "until the robot has left"}
+    return f"held {ends.get(until, 'until released')}, at most {max_hold_s or 0.0:g} s unless renewed"
+
+
 def _action(spec: Command) -> Iterator[str]:
-    width, limit = spec.width_s or 0.0, spec.max_hold_s or 0.0
-    if spec.action == "pulse" and spec.timed_by == "device":
-        yield f"a press of {width:g} s that the device ends; nothing is written back"
-    elif spec.action == "pulse":
-        yield f"pressed for {width:g} s, then released"
-    else:
-        ends = {"arrived": "until the car is there", "closed": "until the door is closed"}
-        ends |= {"robot_in_place": "until the robot is in place", "robot_left": "until the robot has left"}
-        until = ends.get(spec.until or "", "until released")
-        yield f"held {until}, at most {limit:g} s unless renewed"
-        if spec.repeat_pulse_s is not None:
-            yield f"made of presses of {width:g} s, every {spec.repeat_pulse_s:g} s"
+    is_hold = spec.action != "pulse"
+    yield press_text(
+        is_hold=is_hold,
+        ends_itself=spec.ends_itself,
+        width_s=spec.width_s,
+        max_hold_s=spec.max_hold_s,
+        until=spec.until or "",
+    )
+    if is_hold and spec.repeat_pulse_s is not None:
+        yield f"made of presses of {spec.width_s or 0.0:g} s, every {spec.repeat_pulse_s:g} s"
     if spec.refresh_s is not None:
         yield f"written again every {spec.refresh_s:g} s"
     if spec.self_clearing:

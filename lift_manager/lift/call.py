@@ -5,6 +5,7 @@ A caller that only ever repeats itself must neither press twice for one call nor
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum, unique
 
@@ -23,7 +24,8 @@ LOST_AFTER_READINGS = 3
 """A call counts as lost when this many readings in a row show neither it nor the car at its floor. Chosen: one or two may fall
 between the end of a trip and the evidence that the car stands."""
 
-_ACKNOWLEDGEMENTS = frozenset({"robot_in_place", "robot_left"})
+ACKNOWLEDGEMENTS = frozenset({"robot_in_place", "robot_left"})
+"""Ends of a held call: until then it keeps the door open."""
 
 
 @unique
@@ -285,7 +287,7 @@ class CallOutput:
     @property
     def keeps_door(self) -> bool:
         """Whether it keeps the door open where it ends."""
-        return self.until in _ACKNOWLEDGEMENTS
+        return self.until in ACKNOWLEDGEMENTS
 
 
 def call_command(config: LiftConfig, floor: FloorName, *, aboard: bool) -> Command | None:
@@ -293,11 +295,15 @@ def call_command(config: LiftConfig, floor: FloorName, *, aboard: bool) -> Comma
 
     Where the door is part of the call, it is the front one if the floor has it.
     """
-    if "go_to" in config.capabilities.commands:
-        return Command(CommandKind.GO_TO, floor)
-    sides = [Command(CommandKind.GO_TO, floor, side) for side in Side if side in config.doors_at.get(floor, ())]
+    calls = calls_in_order(floor, config.doors_at.get(floor, ()), aboard=aboard)
+    return next((call for call in calls if config.has(call)), None)
+
+
+def calls_in_order(floor: FloorName, doors: Collection[Side], *, aboard: bool) -> tuple[Command, ...]:
+    """Return the calls that bring the car to a floor with these doors; the first one that the map has is pressed."""
+    sides = (Command(CommandKind.GO_TO, floor, side) for side in Side if side in doors)
     plain = Command(CommandKind.GO if aboard else CommandKind.CALL, floor)
-    return next((call for call in (*sides, plain) if config.has(call)), None)
+    return (Command(CommandKind.GO_TO, floor), *sides, plain)
 
 
 def ends_call(config: LiftConfig, command: Command, *, aboard: bool) -> str:
@@ -310,4 +316,4 @@ def ends_call(config: LiftConfig, command: Command, *, aboard: bool) -> str:
 def call_holds_door(config: LiftConfig, floor: FloorName, *, aboard: bool) -> bool:
     """Whether the call to a floor keeps the door open there, because it stays on while the robot boards or leaves."""
     command = call_command(config, floor, aboard=aboard)
-    return command is not None and ends_call(config, command, aboard=aboard) in _ACKNOWLEDGEMENTS
+    return command is not None and ends_call(config, command, aboard=aboard) in ACKNOWLEDGEMENTS

@@ -1,0 +1,204 @@
+"""`poke` at the command line: what it asks, what it sends without being asked, and how it ends."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pyModbusTCP.server import DataBank, ModbusServer
+
+from tests.support.programs import HANGS_S, LIFT_MANAGER, Started, call, eventually, free_port, run
+
+LIFT = "east"
+FLOORS = {"L1": 1, "L2": 2, "L3": 3}
+
+
+class Controller(DataBank):  # type: ignore[misc]  # pyModbusTCP has no types
+    """pyModbusTCP's memory as a controller of generic-registers: an idle lift at L1 with its door shut. Remembers what is written."""
+
+    def __init__(self) -> None:
+        super().__init__(h_regs_size=32, coils_size=1, d_inputs_size=1, i_regs_size=1)
+        self._beats = 0
+        self.writes: list[tuple[int, list[int]]] = []
+        self.reads = 0
+        super().set_holding_registers(1, [1, 1, 1, 1, 0b101, 0, 0])
+
+    def get_holding_registers(self, address: int, number: int = 1, srv_info: object = None) -> Any:
+        self.reads += 1
+        super().set_holding_registers(0, [self.reads & 0xFFFF])
+        return super().get_holding_registers(address, number, srv_info)
+
+    def set_holding_registers(self, address: int, word_list: list[int], srv_info: object = None) -> Any:
+        if srv_info is not None:
+            self.writes.append((address, word_list))
+        return super().set_holding_registers(address, word_list, srv_info)
+
+
+def site_file(folder: Path, port: int, **lift: object) -> Path:
+    content = {
+        "schema": 1,
+        "name": "Bench",
+        "timezone": "Europe/Berlin",
+        "state": "kept",
+        "controllers": {"plc": {"host": "127.0.0.1", "port": port, "map": "generic-registers"}},
+        "lifts": {LIFT: {"controller": "plc", "floors": FLOORS, "poll_s": 0.1, "max_age_s": 10, **lift}},
+    }
+    file = folder / "site.yaml"
+    file.write_text(json.dumps(content), "utf-8")  # JSON is YAML
+    return file
+
+
+@pytest.fixture
+def start() -> Iterator[Started]:
+    with Started() as programs:
+        yield programs
+
+
+@pytest.fixture
+def controller(start: Started) -> tuple[Controller, int]:
+    made, port = Controller(), free_port()
+    server = ModbusServer("127.0.0.1", port, no_block=True, data_bank=made)
+    server.start()
+    start.callback(server.stop)
+    return made, port
+
+
+@pytest.fixture
+def simulated(start: Started) -> int:
+    """The port of a simulated controller."""
+    port = free_port()
+    program = start("simulate", "generic-registers", "--port", str(port), "--speed", "10")
+    program.says(str(port))
+    return port
+
+
+class Terminal:
+    """`lift-manager` at a terminal, in front of which a person types."""
+
+    def __init__(self, start: Started, *arguments: str | Path) -> None:
+        own, other = os.openpty()
+        start.callback(os.close, own)
+        self._text, self._own = b"", own
+        self.process = subprocess.Popen(
+            [*LIFT_MANAGER, *map(str, arguments)],
+            stdin=other,
+            stdout=other,
+            stderr=other,
+            env=os.environ | {"COLUMNS": "80", "TERM": "dumb"},
+        )
+        os.close(other)
+        start.callback(self._end)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def shows(self, pattern: str) -> re.Match[str]:
+        return eventually(lambda: re.search(pattern, self.text))
+
+    def types(self, line: str) -> None:
+        os.write(self._own, f"{line}\n".encode())
+
+    def ended(self) -> int:
+        return self.process.wait(HANGS_S)
+
+    @property
+    def text(self) -> str:
+        return self._text.decode("utf-8", "replace")
+
+    def _read(self) -> None:
+        while True:
+            try:
+                self._text += os.read(self._own, 4096)
+            except OSError:
+                # the program has ended
+                return
+
+    def _end(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait(HANGS_S)
+
+
+def test_without_a_terminal_the_frames_are_printed_and_not_one_byte_is_sent(
+    tmp_path: Path, controller: tuple[Controller, int]
+) -> None:
+    plc, port = controller
+    file = site_file(tmp_path, port, access="control")
+    done = run("poke", LIFT, "hold_door.front", "--site", file)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "FC06 write holding register 17 := 1, unit 1" in " ".join(done.stdout.split())
+    assert "01 06 00 11 00 01" in done.stdout
+    assert done.stdout.endswith(
+        "dry run: nothing was sent (there is no terminal to ask at; --yes sends without asking)\n"
+    )
+    assert plc.reads > 0
+    assert plc.writes == []
+    assert not (tmp_path / "kept").exists()
+
+
+def test_a_lift_alone_lists_its_commands(tmp_path: Path, controller: tuple[Controller, int]) -> None:
+    done = run("poke", LIFT, "--site", site_file(tmp_path, controller[1]))
+    assert done.returncode == 0
+    assert re.search(r"^go_to FLOOR\n +brings the car to a floor", done.stdout, re.MULTILINE)
+    assert "holding:18; on the wire holding 18" in done.stdout
+    assert controller[0].writes == []
+
+
+def test_a_watched_lift_is_not_commanded_through_the_running_manager(
+    tmp_path: Path, start: Started, controller: tuple[Controller, int]
+) -> None:
+    file = site_file(tmp_path, controller[1], access="monitor")
+    url = start("serve", file, "--port", "0").says(r"(http://127\.0\.0\.1:\d+)/docs")[1]
+    done = call("poke", LIFT, "hold_door.front", "--yes", "--manager", url)
+    assert done.returncode == 1
+    assert "east is only watched: the manager's site file does not say `access: control`" in done.stderr
+    beside = run("poke", LIFT, "hold_door.front", "--yes", "--site", file)
+    assert beside.returncode == 1
+    assert "without --site this works through the running manager" in beside.stderr
+    assert controller[0].writes == []
+
+
+def test_what_latches_needs_a_technician_at_the_panel(tmp_path: Path, controller: tuple[Controller, int]) -> None:
+    overrides = {"commands": {"hold_door.front": {"on_link_loss": "latches"}}}
+    file = site_file(tmp_path, controller[1], override=overrides)
+    done = run("poke", LIFT, "hold_door.front", "--yes", "--site", file)
+    assert done.returncode == 1
+    assert "holding:17 STAYS ON and nothing releases it" in " ".join(done.stdout.split())
+    assert "the lift technician has to stand at the panel; give the name with --at-panel NAME" in done.stderr
+    assert controller[0].writes == []
+
+
+def test_a_person_is_asked_for_a_word_and_sees_what_the_lift_does(
+    tmp_path: Path, start: Started, simulated: int
+) -> None:
+    file = site_file(tmp_path, simulated, access="monitor")
+    words = ("poke", LIFT, "hold_door.front", "--for", "1", "--site", file)
+    refused = Terminal(start, *words)
+    refused.shows("Type yes to send it: ")
+    refused.types("")
+    assert refused.ended() == 1
+    assert "nothing was sent: yes was not typed" in refused.text
+    taken = Terminal(start, *words)
+    taken.shows("01 06 00 11 00 01(.|\n)*Type yes to send it: ")
+    taken.types("yes")
+    assert taken.ended() == 0, taken.text
+    assert re.search(r"output hold_door.front: .* -> held", taken.text)
+    assert "verified: robot_mode, hold_door.front are at rest" in taken.text
+    assert "east: hold_door.front: confirmed" in taken.text
+    assert "hold_door.front" in call("audit", file).stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_every_signal_releases_what_is_held(
+    tmp_path: Path, start: Started, simulated: int, number: signal.Signals
+) -> None:
+    file = site_file(tmp_path, simulated, access="control")
+    url = start("serve", file, "--port", "0").says(r"(http://127\.0\.0\.1:\d+)/docs")[1]
+    poke = start("poke", LIFT, "hold_door.front", "--for", "60", "--yes", "--manager", url)
+    poke.says("stays on for 60 s")
+    assert poke.stop(number)[0] == 1
+    assert "verified: robot_mode, hold_door.front are at rest" in poke.out
