@@ -75,6 +75,8 @@ class ActiveSession:
         self._changed = asyncio.Event()
         self._lost_event = asyncio.Event()
         self._closed = False
+        self._is_closing = False
+        """The manager is being told; the event of the end may arrive before the reply, and calls for no renewal."""
         self._last_report: RobotWord | None = None
 
     @property
@@ -142,7 +144,11 @@ class ActiveSession:
     async def close(self, *, left: bool = False) -> Session:
         """Close the session without moving the car; `left` reports that the robot is outside and clear of the door. May be repeated."""
         word = RobotWord.LEFT if left else self._last_report
-        self._session = await self._manager.close_session(self.name, self._session.id, robot=word)
+        self._is_closing = True
+        try:
+            self._session = await self._manager.close_session(self.name, self._session.id, robot=word)
+        finally:
+            self._is_closing = False
         self._closed = True
         return self._session
 
@@ -176,6 +182,8 @@ class ActiveSession:
     async def _renew(self) -> None:
         requested_at = asyncio.get_running_loop().time()
         self._changed.clear()
+        if self._is_closing:
+            return
         try:
             renewed = await self._manager.renew_session(
                 self.name, self._session.id, ttl_s=self._ttl_s, within_s=self._renewal_timeout_s(requested_at)

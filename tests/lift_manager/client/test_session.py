@@ -271,3 +271,23 @@ def test_the_end_says_that_the_robot_left_if_it_was_told_so(left: bool, told: An
         assert manager.bodies[manager.asked.index(f"POST {BASE}/s/1/close")] == told
 
     run_virtual(main)
+
+
+def test_the_event_of_its_own_end_calls_for_no_renewal() -> None:
+    async def main() -> None:
+        manager = a_manager()
+
+        def close(_: httpx.Request) -> httpx.Response:
+            ended = SessionEvent(lift=LIFT, what="ended", holder="api:amr-7", reason=EndReason.RELEASED)
+            manager.publish(ended)
+            return said(200, SESSION.model_dump_json())
+
+        manager.handlers["POST", f"{BASE}/s/1/close"] = close
+        async with client_of(manager) as client, client.session(LIFT) as lift:
+            await elapse(1.0)
+            before = count(manager, "/renew")
+            manager.late_s = 1.0
+            await lift.close()
+            assert count(manager, "/renew") == before
+
+    run_virtual(main)
