@@ -36,12 +36,12 @@ def poke(  # noqa: PLR0913  each is an option of the command line
     command: Annotated[
         str,
         typer.Argument(
-            metavar="[COMMAND]",
+            metavar="COMMAND",
             help="A command of its map, such as go_to or hold_door.front; without one, its commands are listed.",
             show_default=False,
         ),
     ] = "",
-    floor: Annotated[str, typer.Argument(metavar="[FLOOR]", help="With go_to, call and go.", show_default=False)] = "",
+    floor: Annotated[str, typer.Argument(metavar="FLOOR", help="With go_to, call and go.", show_default=False)] = "",
     *,
     site: SiteOption = None,
     hold_s: Annotated[
@@ -95,7 +95,7 @@ def poke(  # noqa: PLR0913  each is an option of the command line
             f"{lift} is only watched: the manager's site file does not say `access: control`; nothing was sent. Without a running"
             f" manager, `lift-manager poke {lift} {trial} --site SITE` tries it"
         )
-    technician = _confirm(trial, at_panel, is_asked=not yes)
+    technician = _confirm(trial, at_panel, is_interactive=not yes)
     outcome = route.run(
         lambda client: perform(client, trial, writes, who=_holder(technician), hold_s=hold_s, show=_show), writes=True
     )
@@ -126,7 +126,7 @@ class _Route:
             if self.site is None:
                 return self.connection.run(until_signal)
             may_command = (self.lift,) if writes else ()
-            return run_directly(self.site, work, name=NAME, may_command=may_command, is_recorded=writes)
+            return run_directly(self.site, work, name="lift-manager", may_command=may_command, is_recorded=writes)
         except NotPossible as error:
             raise fail(str(error)) from error
         except (asyncio.CancelledError, KeyboardInterrupt):
@@ -134,17 +134,17 @@ class _Route:
             raise typer.Exit(1) from None
 
 
-def _confirm(trial: Trial, at_panel: str, *, is_asked: bool) -> str:
+def _confirm(trial: Trial, at_panel: str, *, is_interactive: bool) -> str:
     """Ask whoever is at the terminal; return the name of the technician at the panel, where there has to be one."""
     technician = at_panel.strip()
     if trial.latching and not technician:
-        if is_asked:
+        if is_interactive:
             technician = read_typed("Name of the lift technician at the panel: ").strip()
         if not technician:
             raise fail(
                 "nothing was sent: the lift technician has to stand at the panel; give the name with --at-panel NAME"
             )
-    if is_asked:
+    if is_interactive:
         print_lines(["The car is empty, nobody is in its doorway, and somebody sees the lift?"])
         if read_typed(f"Type {WORD} to send it: ").strip().lower() != WORD:
             raise fail(f"nothing was sent: {WORD} was not typed")

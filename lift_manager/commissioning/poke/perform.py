@@ -49,7 +49,7 @@ async def read_lift(client: LiftManagerClient, lift: str, within_s: float = LIVE
     ends_at = asyncio.get_running_loop().time() + within_s
     while True:
         known = KnownLift(commands, capabilities, await client.lift(lift))
-        is_known = known.is_seen_to_stand or known.stands_open_only
+        is_known = known.is_standing or known.stands_open_only
         is_read = known.lift.quality is Quality.LIVE
         if (is_read and is_known) or asyncio.get_running_loop().time() >= ends_at:
             return known
@@ -136,7 +136,7 @@ class _Performance:
             answer = await self._send(session, request)
             if number == self.trial.tried:
                 outcome = self._outcome(answer)
-                self._say(f"{self.trial}: {outcome.state}{_because(outcome.text)}")
+                self._report(f"{self.trial}: {outcome.state}{_because(outcome.text)}")
                 if outcome.state is CommandState.CONFIRMED:
                     await self._watch_effect(outcome)
             elif answer.status is not CommandState.CONFIRMED and number < self.trial.tried:
@@ -185,20 +185,20 @@ class _Performance:
             outcome = Outcome(
                 CommandState.UNCONFIRMED, f"the lift did not show within {within_s:g} s that it grants it"
             )
-        self._say(f"{self.trial}: {outcome.state}{_because(outcome.text)}")
+        self._report(f"{self.trial}: {outcome.state}{_because(outcome.text)}")
         return outcome
 
     async def _watch_effect(self, outcome: Outcome) -> None:
         """Wait for the car, or keep on for a while what stays on."""
         if self.trial.floor:
             if not await self._until(self._has_arrived, self._trip_s):
-                self._say(f"the car was not seen to stand at {self.trial.floor} within {self._trip_s:g} s")
+                self._report(f"the car was not seen to stand at {self.trial.floor} within {self._trip_s:g} s")
         else:
             await self._hold(outcome)
 
     async def _hold(self, outcome: Outcome) -> None:
         if outcome.state is CommandState.CONFIRMED and self.trial.is_held and self.hold_s > 0:
-            self._say(f"{self.trial} stays on for {self.hold_s:g} s; Ctrl-C releases it at once")
+            self._report(f"{self.trial} stays on for {self.hold_s:g} s; Ctrl-C releases it at once")
             await self._until(lambda: False, self.hold_s)
 
     async def _until_open(self, floor: str) -> None:
@@ -206,22 +206,22 @@ class _Performance:
         is_ride = any(one.kind is CommandType.ROBOT_IN_PLACE for one in self.trial.requests)
         within_s = self._trip_s if is_ride else DOOR_WITHIN_S
         if not await self._until(lambda: self._stands_open_at(floor), within_s):
-            self._say(f"the car was not seen to stand open for a robot at {floor} within {within_s:g} s")
+            self._report(f"the car was not seen to stand open for a robot at {floor} within {within_s:g} s")
 
     # -- the end
 
     async def _close(self, session: ActiveSession) -> None:
         """End the session. Nobody was in the car: a person has said so."""
-        self._say("the session ends, and everything is released")
+        self._report("the session ends, and everything is released")
         try:
             over = (await session.close(left=True)).over
         except ClientError as error:
-            self._say(
+            self._report(
                 f"the session could not be ended ({error}); its lease ends within {LEASE_S:g} s, and releases everything"
             )
         else:
             if over is not None and over.reason is not EndReason.RELEASED:
-                self._say(f"it had ended before: {over.text}")
+                self._report(f"it had ended before: {over.text}")
 
     async def _released(self) -> bool:
         """Wait until every output is verified to be at rest; say whether it is, and what else is left."""
@@ -230,15 +230,17 @@ class _Performance:
             is_released = await self._until(self._at_rest, RELEASED_WITHIN_S, looks=True)
             lift = await self.client.lift(self.trial.lift)
         except ClientError as error:
-            self._say(f"nobody can tell whether everything is released: {error}; look at the outputs of the controller")
+            self._report(
+                f"nobody can tell whether everything is released: {error}; look at the outputs of the controller"
+            )
             return False
         if is_released:
-            self._say(f"verified: {', '.join(names)} {'is' if len(names) == 1 else 'are'} at rest")
+            self._report(f"verified: {', '.join(names)} {'is' if len(names) == 1 else 'are'} at rest")
         else:
             left = ", ".join(f"{name} ({state})" for name, state in self._states.items() if state not in _AT_REST)
-            self._say(f"NOT VERIFIED within {RELEASED_WITHIN_S:g} s: {left}; look at the outputs of the controller")
+            self._report(f"NOT VERIFIED within {RELEASED_WITHIN_S:g} s: {left}; look at the outputs of the controller")
         if (holder := lift.restrictions.maybe_occupied_by) is not None:
-            self._say(
+            self._report(
                 f"the lift counts a robot of {holder} in its car; `lift-manager ack {lift.name} --by NAME` ends that"
             )
         return is_released
@@ -248,7 +250,7 @@ class _Performance:
     async def _watch(self) -> None:
         while True:
             with suppress(ClientError):
-                await self._look(self._say)
+                await self._look(self._report)
             await asyncio.sleep(LOOK_EVERY_S)
 
     async def _look(self, show: Show) -> None:
@@ -328,7 +330,7 @@ class _Performance:
         ends_at = asyncio.get_running_loop().time() + within_s
         while True:
             if looks:
-                await self._look(self._say)
+                await self._look(self._report)
             if is_met():
                 return True
             is_over = self._was_held and self.known.lift.session is None and not looks
@@ -336,7 +338,7 @@ class _Performance:
                 return False
             await asyncio.sleep(LOOK_EVERY_S)
 
-    def _say(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self.show(f"{asyncio.get_running_loop().time() - self._began:7.1f} s  {text}")
 
 

@@ -38,7 +38,7 @@ class KnownLift:
     lift: Lift
 
     @property
-    def is_seen_to_stand(self) -> bool:
+    def is_standing(self) -> bool:
         """Whether the car is known to stand at a floor."""
         return self.lift.standing and self.lift.floor is not None
 
@@ -180,7 +180,7 @@ class _Planner:
             raise NotPossible(
                 f"{lift.name}: the car stands at {self._floor} already, so no call is pressed; name another floor"
             )
-        tried = self._ask(SessionRequest(CommandType.GO_TO, self._floor))
+        tried = self._request(SessionRequest(CommandType.GO_TO, self._floor))
         self._press(self._command.name, self._floor)
         if self._command.action == "hold":
             self._release(self._command.name, self._floor)
@@ -197,19 +197,19 @@ class _Planner:
         go = self._call_to(destination, aboard=True)
         if self._command.takes_floor:
             self._check_call(destination, aboard=True)
-        in_place = self._ask(SessionRequest(CommandType.ROBOT_IN_PLACE))
+        in_place = self._request(SessionRequest(CommandType.ROBOT_IN_PLACE))
         self._press("robot_in_place")
         call = self._call_to(self._here, aboard=False)
         if call is not None and call.until == "robot_in_place" and f"press {call.name} {self._here}" in self._steps:
             self._release(call.name, self._here)
         self._release_doors(self._here)
-        away = self._ask(SessionRequest(CommandType.GO_TO, destination, hold_door=True))
+        away = self._request(SessionRequest(CommandType.GO_TO, destination, hold_door=True))
         if go is not None:
             self._press(go.name, destination)
             if go.until not in ACKNOWLEDGEMENTS:
                 self._release_hold(go.name, destination)
         self._press_doors(destination)
-        left = self._ask(SessionRequest(CommandType.ROBOT_LEFT))
+        left = self._request(SessionRequest(CommandType.ROBOT_LEFT))
         self._press("robot_left")
         if go is not None and go.until in ACKNOWLEDGEMENTS:
             self._release(go.name, destination)
@@ -240,7 +240,7 @@ class _Planner:
     def _plan_hold(self, side: Side) -> int:
         self._stand_here(hold=True)
         self._check_side(side)
-        return self._ask(SessionRequest(CommandType.HOLD_DOOR))
+        return self._request(SessionRequest(CommandType.HOLD_DOOR))
 
     def _plan_close(self, side: Side) -> int:
         has_hold = self._known.command(f"hold_door.{side}") is not None
@@ -253,10 +253,10 @@ class _Planner:
                 " landing, then repeat this at once"
             )
         if has_hold:
-            self._ask(SessionRequest(CommandType.HOLD_DOOR))
+            self._request(SessionRequest(CommandType.HOLD_DOOR))
         # the car has stood open for the session: a person says that no robot is in the doorway
-        self._ask(SessionRequest(CommandType.ROBOT_LEFT))
-        tried = self._ask(SessionRequest(CommandType.CLOSE_DOOR, door=side))
+        self._request(SessionRequest(CommandType.ROBOT_LEFT))
+        tried = self._request(SessionRequest(CommandType.CLOSE_DOOR, door=side))
         self._release_doors(self._here)
         self._press(self._command.name)
         self._release_hold(self._command.name)
@@ -289,13 +289,13 @@ class _Planner:
     def _stand_here(self, *, hold: bool) -> None:
         """Make the floor where the car stands that of the session."""
         lift, known = self._lift, self._known
-        is_unseen = not known.is_seen_to_stand
+        is_unseen = not known.is_standing
         if is_unseen and not known.stands_open_only:
             raise NotPossible(
                 f"{lift.name}: nobody knows at which floor the car stands; wait until it does, or send it to a floor first"
             )
         self._here = lift.floor or lift.floors[0]
-        self._ask(SessionRequest(CommandType.GO_TO, self._here, hold_door=hold))
+        self._request(SessionRequest(CommandType.GO_TO, self._here, hold_door=hold))
         call, doors = self._call_to(self._here, aboard=False), known.capabilities.doors_at.get(self._here, ())
         if call is not None:
             has_holds = all(known.command(f"hold_door.{side}") is not None for side in doors)
@@ -313,7 +313,7 @@ class _Planner:
 
     # -- collecting
 
-    def _ask(self, request: SessionRequest) -> int:
+    def _request(self, request: SessionRequest) -> int:
         self._requests.append(request)
         return len(self._requests) - 1
 
