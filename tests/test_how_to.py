@@ -10,7 +10,7 @@ import yaml
 
 from lift_manager.lab.bench import LiftSite
 from tests.support.pages import blocks, commands
-from tests.support.programs import ROOT, Started, call, free_port
+from tests.support.programs import ROOT, Started, call, free_port, run
 
 HOW_TO = ROOT / "docs" / "how-to"
 TUTORIAL = ROOT / "register_maps" / "TUTORIAL.md"
@@ -76,6 +76,24 @@ def test_a_site_and_a_map_are_checked_shown_and_handed_to_the_lift_company(folde
     for line in commands(HOW_TO / "commissioning.md"):
         assert done(line) or "-o" in line, line
     assert {"io.xlsx", "block.st", "block-wiring.md"} <= {path.name for path in folder.iterdir()}
+
+
+def test_the_commands_of_a_lift_are_listed_shown_and_tried(folder: Path) -> None:
+    site = yaml.safe_load((folder / "site.yaml").read_text("utf-8"))
+    site["lifts"]["east"] |= {"floors": {"L1": 1, "L2": 2}}
+    (folder / "site.yaml").write_text(yaml.safe_dump(site), "utf-8")
+    controller = site["controllers"]["plc"]
+    list_commands, dry_run, *trials, unlock = commands(HOW_TO / "try-a-command.md")
+    assert "--unlock" in unlock  # test_poke.py unlocks a draft map
+    with Started() as start:
+        port = str(controller["port"])
+        start("simulate", controller["map"], "--port", port, "--speed", "10").says(port)
+        assert "hold_door.front" in done(list_commands)
+        assert "dry run: nothing was sent (--dry-run)" in done(dry_run)
+        for line in trials:
+            tried = run(*words(line), "--yes", "--for", "0", cwd=folder)
+            assert tried.returncode == 0, tried
+            assert "verified: " in tried.stdout
 
 
 def test_the_journal_is_read_exported_and_verified(folder: Path) -> None:

@@ -25,6 +25,7 @@ from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import ClientError
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
+from lift_manager.lift.journal import Row
 from lift_manager.runtime.recorder import Recorder
 from lift_manager.store.errors import StoreError
 from lift_manager.store.retention import Limits
@@ -145,19 +146,32 @@ def run_directly(
     name: str,
     may_command: Collection[str] = (),
     is_recorded: bool = False,
+    change: Callable[[LoadedSite], LoadedSite] = lambda loaded: loaded,
+    decision: Row | None = None,
 ) -> Answer:
     """Run `work` with an own manager of a site file, and release everything at its end, Ctrl-C, SIGTERM and SIGHUP included.
 
-    `is_recorded`: with the store of the site, so that presses are in its journal and a lockout of before counts. Prints a sentence and
-    exits with 1 where that fails.
+    `is_recorded`: with the store of the site, so that presses are in its journal and a lockout of before counts. `change` is made to
+    the loaded site, and `decision` of a person is on the disk before `work` begins. Prints a sentence and exits with 1 where that
+    fails.
     """
     loaded = load_site_or_exit(site)
     if loaded.unusable:
         raise report_mistakes(MapFileError(loaded.unusable))
+    try:
+        loaded = change(loaded)
+    except MapFileError as error:
+        raise report_mistakes(error) from error
     recorder = _open_store(loaded) if is_recorded else None
 
     async def work_once() -> Answer:
         async with own_manager(loaded, name=name, may_command=may_command, recorder=recorder) as client:
+            if (
+                decision is not None
+                and recorder is not None
+                and (why := await recorder.commit_now(decision)) is not None
+            ):
+                raise fail(f"nothing was sent, because it could not be written down: {why}")
             return await work(client)
 
     received: list[int] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -21,12 +22,16 @@ from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.commissioning.poke.perform import Outcome, perform, plan_writes, read_lift
 from lift_manager.commissioning.poke.trial import NotPossible, Trial
+from lift_manager.commissioning.poke.unlock import LONGEST_S, Unlock, with_draft
 from lift_manager.commissioning.poke.wording import command_lines, latching_lines, trial_lines
 from lift_manager.lift.commands import CommandState
+from lift_manager.plain.text import is_printable
 
 Answer = TypeVar("Answer")
 
 NAME = "poke"
+OWN_NAME = "lift-manager"
+"""The name of the key of an own manager."""
 WORD = "yes"
 _EXIT_CODES = {CommandState.CONFIRMED: 0, CommandState.REJECTED: 3, CommandState.UNCONFIRMED: 4}
 
@@ -62,6 +67,24 @@ def poke(  # noqa: PLR0913  each is an option of the command line
         bool,
         typer.Option("--yes", help="Send without asking. The car is empty, and nobody is in the doorway: you say so."),
     ] = False,
+    unlock_for: Annotated[
+        str,
+        typer.Option(
+            "--unlock",
+            metavar="TIME",
+            help="For so long, such as 10m, try the commands of a draft map instead, within `writable_ranges` of the site file.",
+            show_default=False,
+        ),
+    ] = "",
+    draft: Annotated[
+        str, typer.Option("--draft", metavar="FILE", help="With --unlock: the draft map.", show_default=False)
+    ] = "",
+    by: Annotated[
+        str, typer.Option("--by", metavar="NAME", help="With --unlock: your name, for the journal.", show_default=False)
+    ] = "",
+    reason: Annotated[
+        str, typer.Option("--reason", metavar="TEXT", help="With --unlock: why, for the journal.", show_default=False)
+    ] = "",
     manager: Manager = MANAGER,
     key_file: KeyFile = None,
     ca: Ca = None,
@@ -79,11 +102,14 @@ def poke(  # noqa: PLR0913  each is an option of the command line
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     if " " in command and not floor:
         command, _, floor = command.partition(" ")
-    route = _Route(connection, site, lift)
+    unlock = _read_unlock(unlock_for, draft, by, reason, site)
+    route = _Route(connection, site, lift, unlock)
     if not command:
         print_lines(command_lines(route.run(lambda client: client.commands(lift))))
         return
     trial, writes, access = route.run(lambda client: _plan(client, lift, command, floor))
+    if unlock is not None:
+        print_lines([f"UNLOCKED: the commands of the draft map {unlock.draft}, not those of the map of {lift}"])
     print_lines(trial_lines(trial, writes, hold_s))
     print_lines(latching_lines(trial))
     if dry_run or not (yes or sys.stdin.isatty()):
@@ -102,6 +128,24 @@ def poke(  # noqa: PLR0913  each is an option of the command line
     _report(trial, outcome)
 
 
+def _read_unlock(unlock_for: str, draft: str, by: str, reason: str, site: Path | None) -> Unlock | None:
+    """Return what is unlocked, if anything. Raises typer.BadParameter."""
+    given = {"--unlock": unlock_for, "--draft": draft, "--by": by, "--reason": reason}
+    if not any(given.values()):
+        return None
+    for option, text in given.items():
+        if not is_printable(text) or not text.strip():
+            raise typer.BadParameter(f"an unlock needs {', '.join(given)}, each on one line", param_hint=option)
+    if site is None:
+        text = "only without a running manager: give the site file, so that no robot has a session meanwhile"
+        raise typer.BadParameter(text, param_hint="--site")
+    found = re.fullmatch(r"([0-9]{1,4})([sm])", unlock_for)
+    for_s = 0.0 if found is None else float(found[1]) * {"s": 1, "m": 60}[found[2]]
+    if not 0 < for_s <= LONGEST_S:
+        raise typer.BadParameter(f"write a time such as 90s or 10m, at most {LONGEST_S / 60:g}m", param_hint="--unlock")
+    return Unlock(draft, by.strip(), reason.strip(), for_s)
+
+
 async def _plan(client: LiftManagerClient, lift: str, command: str, floor: str) -> tuple[Trial, PlannedWrites, str]:
     known = await read_lift(client, lift)
     return (*await plan_writes(client, known, command, floor), known.capabilities.access)
@@ -114,6 +158,7 @@ class _Route:
     connection: ManagerConnection
     site: Path | None
     lift: str
+    unlock: Unlock | None = None
 
     def run(self, work: Callable[[LiftManagerClient], Awaitable[Answer]], *, writes: bool = False) -> Answer:
         """Run `work`. Without `writes` an own manager writes nothing, not even a heartbeat."""
@@ -125,13 +170,36 @@ class _Route:
         try:
             if self.site is None:
                 return self.connection.run(until_signal)
-            may_command = (self.lift,) if writes else ()
-            return run_directly(self.site, work, name="lift-manager", may_command=may_command, is_recorded=writes)
+            return self._run_directly(self.site, work, writes=writes)
         except NotPossible as error:
             raise fail(str(error)) from error
         except (asyncio.CancelledError, KeyboardInterrupt):
             print_stderr("ended before its time" if writes else "ended; nothing was sent")
             raise typer.Exit(1) from None
+
+    def _run_directly(
+        self, site: Path, work: Callable[[LiftManagerClient], Awaitable[Answer]], *, writes: bool
+    ) -> Answer:
+        may_command, unlock = ((self.lift,) if writes else ()), self.unlock
+        if unlock is None:
+            return run_directly(site, work, name=OWN_NAME, may_command=may_command, is_recorded=writes)
+
+        async def while_unlocked(client: LiftManagerClient) -> Answer:
+            async with asyncio.timeout(unlock.for_s):
+                return await work(client)
+
+        try:
+            return run_directly(
+                site,
+                while_unlocked,
+                name=OWN_NAME,
+                may_command=may_command,
+                is_recorded=writes,
+                change=lambda loaded: with_draft(loaded, self.lift, unlock.draft),
+                decision=unlock.row(self.lift) if writes else None,
+            )
+        except TimeoutError as error:
+            raise fail(f"the unlock has ended after {unlock.for_s:g} s, and everything is released") from error
 
 
 def _confirm(trial: Trial, at_panel: str, *, is_interactive: bool) -> str:

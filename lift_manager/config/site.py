@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
@@ -40,6 +41,7 @@ FileName = Annotated[
     StringConstraints(min_length=1, max_length=1024, pattern=r"^[^\x00-\x1f\x7f]+$"),
     Field(description="the path of a file, relative to the site file"),
 ]
+HIGHEST_ADDRESS = 65535
 MODBUS_PORT = 502
 SECURE_PORT = 802
 """Registered for mbap/TLS/TCP."""
@@ -165,6 +167,36 @@ if TYPE_CHECKING:
 else:
     SomeNetwork = Annotated[Text, AfterValidator(_network)]
 
+
+class WritableRange(NamedTuple):
+    """Adjacent coils or holding registers of a controller, by their addresses on the wire."""
+
+    table: Table
+    first: int
+    last: int
+
+    def holds(self, table: Table, address: int) -> bool:
+        """Whether an address is one of them."""
+        return table is self.table and self.first <= address <= self.last
+
+
+def _writable_range(text: str) -> WritableRange:
+    found = re.fullmatch(r"(coil|holding) ([0-9]{1,5})(?: to ([0-9]{1,5}))?", text)
+    if found is not None:
+        first, last = int(found[2]), int(found[3] or found[2])
+        if first <= last <= HIGHEST_ADDRESS:
+            return WritableRange(Table(found[1]), first, last)
+    raise PydanticCustomError(
+        "writable_range",
+        "must be a table and its addresses on the wire, lowest first, such as `coil 16 to 31` or `holding 40`",
+    )
+
+
+if TYPE_CHECKING:
+    SomeRange = WritableRange
+else:
+    SomeRange = Annotated[Text, AfterValidator(_writable_range)]
+
 if TYPE_CHECKING:
     SomeHours = Hours
 else:
@@ -225,6 +257,8 @@ class Controller(_Part):
     max_registers_per_read: Annotated[int, Field(strict=True, ge=1, le=125)] | None = None
     max_bits_per_read: Annotated[int, Field(strict=True, ge=1, le=2000)] | None = None
     tid_echo: bool | None = None
+    writable_ranges: tuple[SomeRange, ...] = ()
+    """What `lift-manager poke --unlock` may write besides the commands of the map; nothing by default."""
 
     @property
     def port(self) -> int:

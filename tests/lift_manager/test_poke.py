@@ -13,7 +13,9 @@ from typing import Any
 import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
+from register_maps.load import MAPS
 from tests.support.programs import HANGS_S, LIFT_MANAGER, Started, call, eventually, free_port, run
+from tests.support.rows import each_row
 
 LIFT = "east"
 FLOORS = {"L1": 1, "L2": 2, "L3": 3}
@@ -202,3 +204,76 @@ def test_every_signal_releases_what_is_held(
     poke.says("stays on for 60 s")
     assert poke.stop(number)[0] == 1
     assert "verified: robot_mode, hold_door.front are at rest" in poke.out
+
+
+# -- unlocked
+
+
+def draft_map(folder: Path) -> Path:
+    """A map like generic-registers, which holds the door at another address."""
+    text = (MAPS / "generic-registers.yaml").read_text("utf-8")
+    changes = {"name: generic-registers": "name: draft", 'at: "holding:17"': 'at: "holding:25"', "[16, 19]": "[16, 25]"}
+    draft = folder / "draft.yaml"
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    draft.write_text(text, "utf-8")
+    return draft
+
+
+def unlocked_site(folder: Path, port: int, *ranges: str) -> Path:
+    file = site_file(folder, port)
+    content = json.loads(file.read_text("utf-8"))
+    content["controllers"]["plc"]["writable_ranges"] = ranges
+    file.write_text(json.dumps(content), "utf-8")
+    return file
+
+
+UNLOCK = ("--draft", "draft.yaml", "--by", "M. Weber", "--reason", "which coil holds the door")
+
+
+def test_a_draft_map_is_unlocked_for_a_while_and_written_down(
+    tmp_path: Path, controller: tuple[Controller, int]
+) -> None:
+    plc, port = controller
+    draft_map(tmp_path)
+    file = unlocked_site(tmp_path, port, "holding 16", "holding 18 to 25")
+    words = ("poke", LIFT, "hold_door.front", "--site", file, "--for", "60", *UNLOCK)
+    dry = run(*words, "--unlock", "10m", cwd=tmp_path)
+    assert dry.returncode == 0, dry
+    assert "UNLOCKED: the commands of the draft map draft.yaml" in dry.stdout
+    assert "write holding register 25 := 1, unit 1" in " ".join(dry.stdout.split())
+    assert plc.writes == []
+    done = run(*words, "--unlock", "8s", "--yes", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "the unlock has ended after 8 s, and everything is released" in done.stderr
+    assert "verified: robot_mode, hold_door.front are at rest" in done.stdout
+    assert (25, [1]) in plc.writes
+    assert plc.writes[-2:] in ([(25, [0]), (18, [0])], [(18, [0]), (25, [0])])
+    assert 17 not in {address for address, _ in plc.writes}
+    (row,) = (line for line in call("audit", file).stdout.splitlines() if "unlocked" in line)
+    assert "M. Weber" in row
+    assert "which coil holds the door" in row
+
+
+def test_nothing_is_unlocked_outside_the_ranges_of_the_site(tmp_path: Path, controller: tuple[Controller, int]) -> None:
+    draft_map(tmp_path)
+    file = unlocked_site(tmp_path, controller[1], "holding 16", "holding 18 to 19")
+    done = run("poke", LIFT, "hold_door.front", "--site", file, "--yes", "--unlock", "10m", *UNLOCK, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "hold_door.front writes holding 25 on the wire, which is in none of `writable_ranges`" in done.stderr
+    assert controller[0].reads == 0
+
+
+@each_row(
+    ("words", "why"),
+    [
+        (("--unlock", "10m", "--site", "site.yaml"), "an unlock needs"),
+        (("--unlock", "10m", *UNLOCK), "only without a running manager"),
+        (("--unlock", "2h", "--site", "site.yaml", *UNLOCK), "at most 30m"),
+    ],
+)
+def test_an_unlock_is_bounded_local_and_somebody_s(words: tuple[str, ...], why: str) -> None:
+    done = call("poke", LIFT, "hold_door.front", *words)
+    assert done.returncode == 2
+    assert why in " ".join(re.sub(r"[│╭╮╰╯─]", " ", done.stderr).split())

@@ -43,6 +43,21 @@ def test_a_proxy_that_is_no_address_is_a_mistake(tmp_path: Path, proxy: str) -> 
     assert f"'{proxy}' is no address and no network, such as 192.0.2.5 or 192.0.2.0/28" in str(found)
 
 
+def test_what_an_unlocked_trial_may_write_is_listed(tmp_path: Path) -> None:
+    ranges = "map: generic-registers, writable_ranges: [coil 16 to 31, holding 40]"
+    found = load(tmp_path, GENERIC, ("map: generic-registers", ranges)).site.controllers["plc"].writable_ranges
+    assert [(str(one.table), one.first, one.last) for one in found] == [("coil", 16, 31), ("holding", 40, 40)]
+    assert load(tmp_path, GENERIC).site.controllers["plc"].writable_ranges == ()
+
+
+@each_row("text", ["discrete 1", "coil", "coil 5 to 4", "holding 65536", "holding:40", "coil 1-5"])
+def test_a_range_that_cannot_be_written_is_a_mistake(tmp_path: Path, text: str) -> None:
+    ranges = f"map: generic-registers, writable_ranges: ['{text}']"
+    (found,) = findings(tmp_path, GENERIC, ("map: generic-registers", ranges))
+    assert found.key.startswith("controllers.plc.writable_ranges")
+    assert "such as `coil 16 to 31` or `holding 40`" in found.message
+
+
 def test_a_lift_is_only_monitored_unless_the_file_says_control(tmp_path: Path) -> None:
     assert load(tmp_path, GENERIC, ("    access: control\n", "")).site.lifts["main"].access == "monitor"
     assert load(tmp_path, GENERIC).site.lifts["main"].access == "control"
