@@ -62,7 +62,7 @@ async def wait_for_enter(question: str, is_open: Callable[[], bool], terminal: i
 
 
 def read_typed(question: str) -> str:
-    """Print a prompt, and return the line that is typed after it; empty if nobody can type.
+    """Print a prompt, and return the line that is typed after it; empty after Ctrl-C, Ctrl-D, or if nobody can type.
 
     Input typed before the prompt is discarded, because it was meant for something else.
     """
@@ -71,7 +71,7 @@ def read_typed(question: str) -> str:
             termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
     try:
         return input(question)
-    except (OSError, EOFError):
+    except (OSError, EOFError, KeyboardInterrupt):
         return ""
 
 
