@@ -199,7 +199,7 @@ class _Route:
                 decision=unlock.row(self.lift) if writes else None,
             )
         except TimeoutError as error:
-            raise fail(f"the unlock has ended after {unlock.for_s:g} s, and everything is released") from error
+            raise fail(f"the unlock has ended after {unlock.for_s:g} s, and the trial with it") from error
 
 
 def _confirm(trial: Trial, at_panel: str, *, is_interactive: bool) -> str:

@@ -267,7 +267,7 @@ class LiftManagerClient:
     async def states(self, lift: str | None = None) -> AsyncIterator[States]:
         """The current state of one lift or all of them, offline without contact to the manager."""
         states = States(self, lift)
-        async with _background(states.follow(), states.listen()):
+        async with in_background(states.follow(), states.listen()):
             yield states
 
     @asynccontextmanager
@@ -278,7 +278,7 @@ class LiftManagerClient:
         requested_at = _now()
         handle = ActiveSession(self, await self.open_session(lift, robot=robot, ttl_s=ttl_s), requested_at, ttl_s)
         try:
-            async with _background(handle.follow(), handle.listen()):
+            async with in_background(handle.follow(), handle.listen()):
                 yield handle
         except BaseException:
             await self._end_quietly(handle)
@@ -312,7 +312,7 @@ class LiftManagerClient:
         requested_at = _now()
         ride = ActiveRide(self, await self._post(f"{API}/rides", request, Ride, repeat=key is not None), requested_at)
         try:
-            async with _background(ride.follow(), ride.listen()):
+            async with in_background(ride.follow(), ride.listen()):
                 yield ride
         except BaseException:
             await self._end_quietly(ride)
@@ -411,7 +411,7 @@ def _now_field(*, now: bool) -> dict[str, bool]:
 
 
 @asynccontextmanager
-async def _background(*work: Coroutine[None, None, None]) -> AsyncIterator[None]:
+async def in_background(*work: Coroutine[None, None, None]) -> AsyncIterator[None]:
     """Run work while the block lasts. An exception of the block is raised as it is, not in a group.
 
     The work itself raises only for bugs; those end the block.

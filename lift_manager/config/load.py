@@ -101,8 +101,12 @@ class LoadedSite:
         if not _is_loopback(self.site.api.host):
             yield _api_caution(self.site.api)
         yield from tls_cautions(self.site, self.path.parent)
-        for controller in self.site.controllers.keys() - self.controllers.keys():
-            yield f"{controller}: no lift is on this controller; it is left alone"
+        for unused in self.site.controllers.keys() - self.controllers.keys():
+            yield f"{unused}: no lift is on this controller; it is left alone"
+        for name, controller in self.site.controllers.items():
+            if controller.writable_ranges:
+                ranges = ", ".join(map(str, controller.writable_ranges))
+                yield f"{name}: `lift-manager poke --unlock` may write {ranges}, on the wire"
         warned = dict.fromkeys(warning for loaded in self.maps.values() for warning in loaded.warnings)
         for warning in warned:
             lifts = ", ".join(name for name, loaded in self.maps.items() if warning in loaded.warnings)

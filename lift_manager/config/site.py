@@ -175,6 +175,9 @@ class WritableRange(NamedTuple):
     first: int
     last: int
 
+    def __str__(self) -> str:
+        return f"{self.table} {self.first}" if self.first == self.last else f"{self.table} {self.first} to {self.last}"
+
     def holds(self, table: Table, address: int) -> bool:
         """Whether an address is one of them."""
         return table is self.table and self.first <= address <= self.last

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from lift_manager.api.lifts import Lift, LiftCommand, PlannedWrites, Signal
 from lift_manager.api.sessions import Command
-from lift_manager.client.client import LiftManagerClient
+from lift_manager.client.client import LiftManagerClient, in_background
 from lift_manager.client.errors import ClientError, SessionLost
 from lift_manager.client.session import ActiveSession
 from lift_manager.commissioning.poke.trial import ROBOT_MODE, KnownLift, NotPossible, SessionRequest, Trial, plan_trial
@@ -104,11 +104,10 @@ class _Performance:
         try:
             async with self.client.session(lift, robot=self.who, ttl_s=LEASE_S) as session:
                 is_open = True
-                watching = asyncio.create_task(self._watch())
                 try:
-                    outcome = await self._perform(session)
+                    async with in_background(self._watch()):
+                        outcome = await self._perform(session)
                 finally:
-                    watching.cancel()
                     await self._close(session)
         except SessionLost as error:
             outcome = Outcome(CommandState.UNCONFIRMED, f"the session ended before its time: {error}")

@@ -96,6 +96,8 @@ def _ending(command: LiftCommand) -> str:
     ]
     if is_hold and command.refresh_s is not None:
         parts.append(f"written again every {command.refresh_s:g} s")
+    if not is_hold and not command.ends_itself:
+        parts.append("if this computer is lost meanwhile: STAYS ON until a manager is back")
     if command.on_link_loss:
         parts.append(f"if this computer is lost: {LINK_LOSS[command.on_link_loss]}")
     return "; ".join(parts)

@@ -333,7 +333,7 @@ def words(lines: Iterable[str]) -> str:
 
 def test_the_commands_are_listed_with_their_addresses_and_what_ends_them() -> None:
     text = words(command_lines(known_lift(ONE_DOOR).commands))
-    assert "go_to FLOOR brings the car to a floor; pressed for 0.5 s, then released holding:40; on the wire" in text
+    assert "go_to FLOOR brings the car to a floor; pressed for 0.5 s, then released; if this" in text
     assert "hold_door.front opens the front door" in text
     assert "heartbeat the heartbeat of the lift manager; written all the time" in text
 

@@ -47,6 +47,8 @@ def test_what_an_unlocked_trial_may_write_is_listed(tmp_path: Path) -> None:
     ranges = "map: generic-registers, writable_ranges: [coil 16 to 31, holding 40]"
     found = load(tmp_path, GENERIC, ("map: generic-registers", ranges)).site.controllers["plc"].writable_ranges
     assert [(str(one.table), one.first, one.last) for one in found] == [("coil", 16, 31), ("holding", 40, 40)]
+    cautions = list(load(tmp_path, GENERIC, ("map: generic-registers", ranges)).cautions())
+    assert "plc: `lift-manager poke --unlock` may write coil 16 to 31, holding 40, on the wire" in cautions
     assert load(tmp_path, GENERIC).site.controllers["plc"].writable_ranges == ()
 
 
