@@ -14,6 +14,7 @@ from pathlib import Path
 
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.wire import OnBytes, PymodbusWire, Wire
+from lift_manager.config.check import canonical_host
 from register_maps import frames
 from register_maps.errors import ExceptionAnswer, Mismatch
 from register_maps.frames import Request
@@ -25,6 +26,8 @@ TIMEOUT_S = 2.0
 """Chosen: longer than any controller or gateway that a manager can use."""
 CONNECT_TIMEOUT_S = 3.0
 """Chosen: TCP repeats its request after 1 s, and once more after 3 s."""
+NO_ANSWER = "no answer"
+"""How the trouble of a read begins that was not answered in time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,7 @@ class Prober:
         self._tid = 0
         self._may_send_at = 0.0
         self._listeners: tuple[OnBytes, ...] = ()
+        self._turn = asyncio.Lock()
         self._frame: asyncio.Future[bytes] | None = None
         self._lost = ""
         wire.on_bytes = self._on_bytes
@@ -80,21 +84,27 @@ class Prober:
         Raises BadRequest for more than the specification allows in one request.
         """
         request = frames.read(table, address, count, self.unit if unit is None else unit)
+        async with self._turn:
+            return await self._exchange(request)
+
+    async def _exchange(self, request: Request) -> ProbeAnswer:
         loop = asyncio.get_running_loop()
         await asyncio.sleep(max(0.0, self._may_send_at - loop.time()))
-        await self.connect()
-        self._tid = self._tid % 0xFFFF + 1
-        self._frame = loop.create_future()
-        sent_at = loop.time()
-        self.requests += 1
-        self._wire.send(frames.frame(request, self._tid))
         try:
+            await self.connect()
+            self._tid = self._tid % 0xFFFF + 1
+            self._frame = loop.create_future()
+            sent_at = loop.time()
+            self.requests += 1
+            self._wire.send(frames.frame(request, self._tid))
             async with asyncio.timeout(self._timeout_s):
                 frame = await self._frame
         except TimeoutError:
             self.close()  # what comes late must not pass for the answer to the next request
-            trouble = self._lost or f"no answer within {self._timeout_s:g} s"
-            return ProbeAnswer(request, loop.time() - sent_at, trouble=trouble)
+            return ProbeAnswer(request, loop.time() - sent_at, trouble=f"{NO_ANSWER} within {self._timeout_s:g} s")
+        except asyncio.CancelledError:
+            self.close()
+            raise
         finally:
             self._frame = None
             self._may_send_at = loop.time() + self._gap_s
@@ -152,7 +162,7 @@ async def open_prober(
 
     Raises ControllerTaken while a manager or another tool of this computer has it, LockUnusable, and ConnectFailed.
     """
-    with controller_lock(host, port, temporary=temporary):
+    with controller_lock(canonical_host(host), port, temporary=temporary):
         prober = Prober(make_wire(host, port), unit=unit, gap_s=gap_s, timeout_s=timeout_s)
         try:
             await prober.connect()
