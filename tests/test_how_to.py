@@ -72,6 +72,20 @@ def test_an_operator_locks_out_drains_releases_and_acknowledges(lift_site: LiftS
     lift_site.wait_for(lambda state: state.restrictions.maybe_aboard is None, within_s=60)
 
 
+def test_a_site_file_is_written_and_its_controller_examined(folder: Path) -> None:
+    init, *doctor = commands(HOW_TO / "doctor.md")
+    with Started() as start:
+        simulated = start("simulate", "generic-registers", "--port", "0")
+        address = simulated.says(r"(127\.0\.0\.1:\d+), unit 1")[1]
+        assert "car at G" in done(init.replace("127.0.0.1:5020", address))
+        for line in doctor:
+            # 1 is what a busy computer comes to: slow answers
+            ended = call(*words(line), "--seconds", "1")
+            assert ended.returncode in (0, 1), line + ended.stdout + ended.stderr
+            if " > " in line:
+                (folder / line.rpartition(" > ")[2]).write_text(ended.stdout, "utf-8")
+
+
 def test_a_site_and_a_map_are_checked_shown_and_handed_to_the_lift_company(folder: Path) -> None:
     for line in commands(HOW_TO / "commissioning.md"):
         assert done(line) or "-o" in line, line

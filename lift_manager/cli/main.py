@@ -16,6 +16,8 @@ COMMANDS = {
     "demo": "lab:demo",
     "serve": "serve:serve",
     "check": "check:check",
+    "init": "init:init",
+    "doctor": "doctor:doctor",
     "simulate": "lab:simulate",
     "keys": "keys:app",
     "lifts": "lifts:lifts",

@@ -90,6 +90,7 @@ class Prober:
     async def _exchange(self, request: Request) -> ProbeAnswer:
         loop = asyncio.get_running_loop()
         await asyncio.sleep(max(0.0, self._may_send_at - loop.time()))
+        sent_at = loop.time()
         try:
             await self.connect()
             self._tid = self._tid % 0xFFFF + 1

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from register_maps.codec import CommandCodec, Point, SignalCodec
 from register_maps.command_codec import payload_counts
 from register_maps.schema import Command, Kind, Signal
-from register_maps.words import BIT_TABLES, READ_FUNCTION
+from register_maps.words import BIT_TABLES, READ_FUNCTION, Table
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
 
@@ -24,6 +24,13 @@ FUNCTIONS = {
     22: "mask write register",
 }
 """Function codes by their use (Modbus Application Protocol V1.1b3, 6)."""
+
+TABLE_NAMES = {
+    Table.COIL: "coils",
+    Table.DISCRETE: "discrete inputs",
+    Table.HOLDING: "holding registers",
+    Table.INPUT: "input registers",
+}
 
 LINK_LOSS = {
     "device_watchdog": "the watchdog of the controller releases it",

@@ -1,0 +1,244 @@
+"""doctor finds every planted mistake that the table of docs/how-to/doctor.md says it finds, and nothing where nothing is wrong."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import ConnectProblem
+from lift_manager.commissioning.doctor.evidence import Probe
+from lift_manager.commissioning.doctor.finding import Severity
+from lift_manager.commissioning.doctor.report import lines, summary
+from lift_manager.lab.plant import default_floors
+from register_maps.load import load, shipped
+from register_maps.signal_codec import swap_bytes
+from register_maps.words import Table
+from simulator.state import Inputs
+from tests.support.planted import (
+    Edit,
+    Mistake,
+    constant,
+    examine,
+    inverted,
+    loaded,
+    subjects_of,
+    swapped_bytes,
+)
+from tests.support.programs import ROOT
+from tests.support.rows import each_row
+
+PAGE = ROOT / "docs" / "how-to" / "doctor.md"
+H, D, C, I = Table.HOLDING, Table.DISCRETE, Table.COIL, Table.INPUT  # noqa: E741  the four tables
+COILS = Mistake(map="generic-coils", floors={"L1": 0, "L2": 1, "L3": 2})
+RIDE = ((1.0, Inputs(car_buttons=frozenset({2}))), (2.0, Inputs()))
+RIDDEN = replace(COILS, people=RIDE, seconds=40.0)
+SINGLE = """\
+schema: 1
+name: single
+title: A lift with one contact for its door
+provenance: {trust: template, sources: [this test]}
+addressing: {base: 0}
+served: {discrete: [[0, 15]]}
+signals:
+  car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"], codes: [1, 2, 3]}
+  door.front: {at: "discrete:8"}
+  level: {at: "discrete:9"}
+  motion: {up: "discrete:10", down: "discrete:11"}
+at_floor_evidence: {kind: level}
+not_visible: {fire: nothing burns in a test}
+"""
+WIDE = """\
+schema: 1
+name: wide
+title: A lift with a position in two registers
+provenance: {trust: template, sources: [this test]}
+addressing: {base: 0}
+served: {holding: [[0, 9]]}
+signals:
+  car_position: {at: "holding:0", type: uint32, word_order: low_first, positions: {1: 1000, 2: 4000, 3: 7000}, tolerance: 20}
+  door.front: {at: "holding:2", values: {1: closed, 2: open, 3: moving}}
+  motion: {at: "holding:3", values: {1: stopped, 2: up, 3: down}}
+at_floor_evidence: {kind: motion_stopped}
+not_visible: {fire: nothing burns in a test}
+"""
+
+
+def floor_as(number: int) -> Edit:
+    return constant(H, 1, number)
+
+
+def slow_beats(table: Table, address: int, value: int) -> int:
+    """Count once where the controller counts twelve times: every 6 s."""
+    return value // 12 if (table, address) == (H, 0) else value
+
+
+def drifting() -> Edit:
+    position = [3000]
+
+    def edit(table: Table, address: int, value: int) -> int:
+        if (table, address) == (H, 0):
+            position[0] += 1
+            return position[0] // 3
+        return value
+
+    return edit
+
+
+def no_tid(_request: bytes, answer: bytes) -> bytes:
+    return bytes(2) + answer[2:]
+
+
+def speaks_http(_request: bytes, _answer: bytes) -> bytes:
+    return b"HTTP/1.1 400 Bad Request\r\n\r\n"
+
+
+def planted(folder: Path) -> Mapping[str, Mistake]:
+    """Return a controller with each mistake of the page that doctor finds."""
+    wide = folder / "wide.yaml"
+    wide.write_text(WIDE)
+    contact = folder / "single.yaml"
+    contact.write_text(SINGLE)
+    lift = Mistake()
+    single = Mistake(map=str(contact), floors={"L1": 1, "L2": 2, "L3": 3})
+    words = Mistake(map=str(wide), floors={"L1": 1, "L2": 2, "L3": 3})
+    return {
+        "all addresses one too low": replace(lift, shift=1),
+        "all addresses one too high": replace(lift, shift=-1),
+        "single bits one too low": replace(COILS, shift=1, probes=(Probe.OFFSET,)),
+        "wrong unit id": replace(lift, unit=3),
+        "wrong unit id, another one answers": replace(lift, unit=3, other_units="gateway", probes=(Probe.UNIT,)),
+        "a gateway that answers for any unit id": replace(lift, other_units="as its own", probes=(Probe.UNIT,)),
+        "holding registers for input registers": replace(lift, tables={H: I}),
+        "holding registers for input registers, with the cure": replace(lift, tables={H: I}, probes=(Probe.TABLE,)),
+        "wrong port: nothing listens": replace(lift, problem=ConnectProblem.REFUSED),
+        "wrong port: something else listens": replace(lift, answers=speaks_http),
+        "no cable, or a firewall": replace(lift, problem=ConnectProblem.TIMED_OUT),
+        "the map of another controller": replace(lift, edit=lambda _, address, value: 100 + 7 * address + value % 2),
+        "a controller without a program": replace(lift, edit=lambda *_: 0),
+        "bytes of every register exchanged": replace(lift, edit=swapped_bytes),
+        "bytes of one register exchanged": replace(lift, floors={"L1": 1, "L2": 99}, edit=floor_as(swap_bytes(99))),
+        "words of a 32-bit number exchanged": replace(
+            words, edit=lambda _, address, value: {0: 0, 1: 1000}.get(address, value)
+        ),
+        "floor -1 read as 65535": _unsigned(folder),
+        "floor codes shifted by one": replace(
+            lift, floors={"L1": 2, "L2": 3, "L3": 4}, controller_floors={"L1": 1, "L2": 2, "L3": 3}
+        ),
+        "door contact inverted": replace(Mistake(map="seer-siemens-chengdu"), edit=inverted((D, 3, 0))),
+        "both door limits inverted": replace(COILS, edit=inverted((D, 16, 0), (D, 17, 0))),
+        "one door limit inverted": replace(COILS, edit=inverted((D, 16, 0))),
+        "door limits exchanged": replace(COILS, crossed=((D, 16), (D, 17))),
+        "door limits exchanged, and the lift is ridden": replace(RIDDEN, crossed=((D, 16), (D, 17))),
+        "door and level inputs exchanged": replace(single, crossed=((D, 8), (D, 9))),
+        "normally-closed fire contact read as normally open": replace(lift, edit=inverted((H, 5, 0))),
+        "normally-closed light curtain read as normally open": replace(lift, edit=inverted((H, 5, 3))),
+        "position bits inverted": replace(COILS, edit=inverted(*((D, floor, 0) for floor in range(8)))),
+        "exception 02 on a point": replace(lift, refused=((H, 7),)),
+        "a block that is too long for the controller": replace(lift, longest=4),
+        "a controller that takes 1 s to answer": replace(lift, delay_s=1.0),
+        "a controller that takes 0.4 s to answer": replace(lift, delay_s=0.4),
+        "the only slot is taken": replace(lift, taken=True),
+        "one slot only": replace(lift, clients=1, probes=(Probe.SLOT,)),
+        "transaction ids are not repeated": replace(lift, answers=no_tid),
+        "the connection is dropped after a short pause": replace(lift, idle_s=0.4),
+        "heartbeat of the controller stands still": replace(lift, edit=constant(H, 0, 7)),
+        "heartbeat of the controller too slow": replace(lift, edit=slow_beats, seconds=15.0),
+        "an input that is stuck": replace(lift, edit=constant(H, 3, 1), people=RIDE, seconds=40.0),
+        "an input that drifts": replace(words, edit=drifting()),
+        "a second master presses a call": replace(lift, writes=((3.0, H, 16, 3), (3.5, H, 16, 0))),
+        "a second master holds the door": replace(lift, writes=((0.0, H, 17, 1),)),
+    }
+
+
+def _unsigned(folder: Path) -> Mistake:
+    """The map takes the floor for a number without a sign."""
+    text = load("generic-registers").path.read_text("utf-8")
+    mistaken = folder / "unsigned.yaml"
+    mistaken.write_text(
+        text.replace('car_floor: {at: "holding:1", type: int16', 'car_floor: {at: "holding:1", type: uint16')
+    )
+    return Mistake(map=str(mistaken), controller_map="generic-registers", floors={"B1": -1, "G": 1, "L1": 2})
+
+
+def rows_of_the_page() -> dict[str, tuple[str, list[str]]]:
+    """Return who finds each mistake, and the codes that the row names."""
+    table = PAGE.read_text("utf-8").partition("| mistake | found by | how |")[2]
+    cells = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line.startswith("| ")
+    ]
+    return {mistake: (by, re.findall(r"`([a-z-]+)`", how)) for mistake, by, how in cells}
+
+
+ROWS = rows_of_the_page()
+BY_DOCTOR = {mistake: codes for mistake, (by, codes) in ROWS.items() if by.startswith("doctor")}
+
+
+def test_the_page_and_the_planted_mistakes_are_the_same(tmp_path: Path) -> None:
+    assert planted(tmp_path).keys() == BY_DOCTOR.keys()
+    assert {by for by, _ in ROWS.values() if not by.startswith("doctor")} == {"checkout", "nobody"}
+
+
+@pytest.mark.parametrize("mistake", BY_DOCTOR)
+def test_a_planted_mistake_is_found_in_a_line_that_says_what_to_do(mistake: str, tmp_path: Path) -> None:
+    report, _ = examine(planted(tmp_path)[mistake], tmp_path)
+    named = {finding.code: finding for finding in report.findings}
+    assert named.keys() & set(BY_DOCTOR[mistake]), [finding.code for finding in report.findings]
+    assert report.needs_work
+    for finding in report.findings:
+        assert finding.cure or finding.severity is Severity.NOTE
+        assert "\n" not in finding.text + finding.cure
+
+
+@each_row("name", [name for name in shipped() if not load(name).map.needs and load(name).map.signals])
+def test_a_lift_without_a_mistake_needs_no_work(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    mistake = Mistake(map=name, floors=default_floors(loaded(name).map))
+    report, _ = examine(mistake, tmp_path_factory.mktemp("locks"))
+    assert [finding.code for finding in report.findings if finding.needs_work] == []
+
+
+def test_every_probe_of_a_good_controller_comes_to_notes(tmp_path: Path) -> None:
+    mistake = Mistake(probes=tuple(probe for probe in Probe if probe is not Probe.PORT))
+    report, _ = examine(mistake, tmp_path)
+    assert not report.needs_work
+    facts = report.controllers["plc:502"]
+    assert facts.units == (1,)
+    assert facts.clients == 4
+    assert facts.served == ("unit 1 holding 0-7, 16-19",)
+    assert facts.largest_blocks == ("unit 1 holding 0: 8", "unit 1 holding 16: 4")
+
+
+@each_row(
+    "mistake, text",
+    [
+        ("exception 02 on a point", "call_accepted at holding:7"),
+        (
+            "bytes of one register exchanged",
+            "reads 25344, which is 99 x 256: with its two bytes exchanged it is 99, floor L2",
+        ),
+        ("floor -1 read as 65535", "reads 65535, which is -1 as a signed number, floor B1"),
+        ("all addresses one too high", "`addressing: {base: 1}`"),
+        ("wrong unit id, another one answers", "unit 1 does not answer, and unit 3 does"),
+        ("a controller that takes 1 s to answer", "answers take 1.0 s"),
+        ("normally-closed fire contact read as normally open", "`active: high`"),
+        ("a second master presses a call", "go_to at holding:16: changes between 0 and 3"),
+    ],
+)
+def test_the_line_of_a_finding_has_address_and_numbers(
+    mistake: str, text: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("locks")
+    controller = planted(folder)[mistake]
+    report, _ = examine(controller, folder)
+    found = list(lines(report, subjects_of(controller)))
+    assert any(text in line for line in found), found
+
+
+def test_a_ride_by_hand_proves_what_changed_and_leaves_the_rest_open(tmp_path: Path) -> None:
+    report, _ = examine(Mistake(people=RIDE, seconds=40.0), tmp_path)
+    (note,) = report.findings
+    assert note.code == "never-changed"
+    assert "fire" in note.text
+    assert "door.front" not in note.text
+    assert summary(report).startswith("Nothing that needs work was found by reading. Not probed: offset, ")
