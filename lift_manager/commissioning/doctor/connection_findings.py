@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from statistics import median
 
 from drivers.errors import (
+    ACCEPTED,
+    BUSY,
     ILLEGAL_FUNCTION,
-    PATH_UNAVAILABLE,
-    TARGET_SILENT,
     ConnectProblem,
 )
 from drivers.modbus.wire import CLOSED_BY_CONTROLLER, NOT_MODBUS
@@ -163,7 +165,7 @@ class ConnectionJudge:
             probe = "" if Probe.UNIT in self._probes else "; `--probe unit` tries others"
             cure = (
                 f"Compare the unit id with the controller's settings (often 1, 0 or 255{probe}); end other clients, because some controllers"
-                " answer only the first one; look whether its Modbus server is switched on"
+                " answer only the first one; look whether this is the Modbus port, and whether its server is switched on"
             )
             return self._finding(Severity.ERROR, "silent", text, cure)
         text = f"no answer fits its request ({troubles[0]})"
@@ -177,33 +179,11 @@ class ConnectionJudge:
     # -- units
 
     def _units(self) -> Iterator[Finding]:
-        """Judge which unit ids answer. Where the probe has not run, only the unit of the map is known."""
-        polled = [answer for answer in self._evidence.of(Purpose.POLL) if answer.is_answer]
-        offline = [answer for answer in polled if answer.exception in (PATH_UNAVAILABLE, TARGET_SILENT)]
+        """Judge which unit ids answer. Where the probe has not run, only those of the lifts are known."""
         probed = {answer.unit: answer for answer in self._evidence.of(Purpose.UNIT)}
         proven = sorted(unit for unit, answer in probed.items() if answer.proves_unit)
-        others = [unit for unit in proven if unit != self._unit]
-        probe = "" if probed else "; `--probe unit` tries others"
-        is_dead = not any(
-            answer.proves_unit
-            for answer in self._evidence.of(Purpose.POLL, Purpose.POINT, Purpose.UNIT)
-            if answer.unit == self._unit
-        )
-        if offline and not any(answer.proves_unit for answer in polled):
-            code = offline[0].exception or 0
-            yield self._finding(
-                Severity.ERROR,
-                "unit-offline",
-                f"a gateway answers, but it does not reach unit {self._unit} (exception {code:02X}, {EXCEPTION_NAMES.get(code, '')})",
-                f"Compare the unit id with the address switch of the controller, and look at power and serial line behind the gateway{probe}",
-            )
-        if is_dead and others:
-            yield self._finding(
-                Severity.ERROR,
-                "wrong-unit",
-                f"unit {self._unit} does not answer, and unit {' and '.join(map(str, others))} does",
-                f"Write `unit_id: {others[0]}` for this controller, after comparing it with the controller's settings",
-            )
+        for unit in dict.fromkeys(answer.unit for answer in self._evidence.of(Purpose.POLL)):
+            yield from self._unit_findings(unit, proven)
         own, strange = probed.get(self._unit), probed.get(STRANGE_UNIT)
         if own is not None and strange is not None and self._unit != STRANGE_UNIT and _same_answer(own, strange):
             yield self._finding(
@@ -215,9 +195,46 @@ class ConnectionJudge:
                 if self._unit_matters
                 else "",
             )
-        elif own is not None and own.proves_unit and others:
+        elif own is not None and own.proves_unit and len(proven) > 1:
+            others = ", ".join(str(unit) for unit in proven if unit != self._unit)
+            yield self._finding(Severity.NOTE, "other-units", f"unit {others} answers as well as unit {self._unit}")
+
+    def _unit_findings(self, unit: int, proven: Sequence[int]) -> Iterator[Finding]:
+        """Judge one unit of the lifts; `proven` are those that the probe has found."""
+        polled = [answer for answer in self._evidence.of(Purpose.POLL) if answer.unit == unit]
+        if any(answer.proves_unit for answer in self._evidence.answers if answer.unit == unit):
+            return
+        names = [
+            lift.name
+            for lift in self._subjects.lifts_on(self._controller.name)
+            if any((d.controller, d.unit_id) == (self._controller.name, unit) for d in lift.devices.values())
+        ]
+        of_lift = f" (lift {', '.join(names)})" if names and len(self._subjects.lifts) > 1 else ""
+        others = [other for other in proven if other != unit]
+        probe = "" if Probe.UNIT in self._probes else "; `--probe unit` tries others"
+        offline = [answer.exception for answer in polled if answer.exception is not None]
+        if offline:
             yield self._finding(
-                Severity.NOTE, "other-units", f"unit {', '.join(map(str, others))} answers as well as unit {self._unit}"
+                Severity.ERROR,
+                "unit-offline",
+                f"a gateway answers, but it does not reach unit {unit}{of_lift} (exception {offline[0]:02X},"
+                f" {EXCEPTION_NAMES.get(offline[0], '')})",
+                "Compare the unit id with the address switch of the controller, and look at power and serial line behind the gateway"
+                f"{probe}",
+            )
+        elif any(answer.is_answer for answer in self._evidence.of(Purpose.POLL)):
+            yield self._finding(
+                Severity.ERROR,
+                "silent",
+                f"unit {unit}{of_lift} never answers, and another unit here does",
+                f"Compare the unit id with the controller's settings{probe}",
+            )
+        if others:
+            yield self._finding(
+                Severity.ERROR,
+                "wrong-unit",
+                f"unit {unit}{of_lift} does not answer, and unit {' and '.join(map(str, others))} does",
+                f"Write `unit_id: {others[0]}` for it, after comparing it with the controller's settings",
             )
 
     @property
@@ -229,7 +246,17 @@ class ConnectionJudge:
 
     def _interruptions(self) -> Iterator[Finding]:
         evidence = self._evidence
-        polled = list(evidence.of(Purpose.POLL, Purpose.OUTPUTS))
+        known = {answer.unit for answer in evidence.answers if answer.is_answer}
+        polled = [answer for answer in evidence.of(Purpose.POLL, Purpose.OUTPUTS) if answer.unit in known]
+        busy = [answer for answer in polled if answer.exception in (ACCEPTED, BUSY)]
+        if busy:
+            yield self._finding(
+                Severity.WARNING,
+                "busy",
+                f"{len(busy)} of {len(polled)} reads were answered with exception {busy[0].exception:02X}"
+                f" ({EXCEPTION_NAMES[busy[0].exception or BUSY]})",
+                "Look for another client that polls fast, and read more slowly (`poll_s` of the lift)",
+            )
         unanswered = [answer for answer in polled if answer.trouble]
         lost = [answer for answer in unanswered if not answer.trouble.startswith(NO_ANSWER)]
         silent = [answer for answer in unanswered if answer.trouble.startswith(NO_ANSWER)]
@@ -354,6 +381,9 @@ class ConnectionJudge:
     # -- what the probes of ranges have found
 
     def _facts(self) -> Iterator[Finding]:
+        if self._evidence.open_ports is not None:
+            ports = ", ".join(map(str, self._evidence.open_ports)) or "none"
+            yield self._finding(Severity.NOTE, "ports", f"of the usual ports these accept a connection: {ports}")
         for table in Table:
             at_zero = [a for a in self._evidence.of(Purpose.RANGE) if a.table is table]
             if at_zero and all(answer.exception == ILLEGAL_FUNCTION for answer in at_zero):
@@ -406,15 +436,16 @@ class ConnectionJudge:
 
 
 def served_ranges(evidence: ControllerEvidence) -> dict[tuple[int, Table], tuple[tuple[int, int], ...]]:
-    """Return the runs of addresses that answered with values, by unit and table: what was tried, not all there is."""
-    read: dict[tuple[int, Table], set[int]] = {}
+    """Return the addresses that answered with values, by unit and table, as ranges without a refused address in them."""
+    read: dict[tuple[int, Table], dict[int, bool]] = {}
     if not any(True for _ in evidence.of(Purpose.RANGE)):
         return {}
     for answer in evidence.of(Purpose.RANGE, Purpose.POLL, Purpose.POINT, Purpose.OUTPUTS):
-        if answer.values is not None:
+        if answer.values is not None or answer.count == 1:
             addresses = range(answer.address, answer.address + answer.count)
-            read.setdefault((answer.unit, answer.table), set()).update(addresses)
-    return {key: tuple(_runs(sorted(addresses))) for key, addresses in sorted(read.items())}
+            read.setdefault((answer.unit, answer.table), {}).update(dict.fromkeys(addresses, answer.values is not None))
+    found = {key: tuple(_ranges(sorted(tried.items()))) for key, tried in sorted(read.items())}
+    return {key: ranges for key, ranges in found.items() if ranges}
 
 
 def largest_blocks(evidence: ControllerEvidence) -> dict[tuple[int, Table, int], tuple[int, int | None]]:
@@ -430,12 +461,12 @@ def largest_blocks(evidence: ControllerEvidence) -> dict[tuple[int, Table, int],
     return found
 
 
-def _runs(addresses: Sequence[int]) -> Iterator[tuple[int, int]]:
-    start = 0
-    for index in range(1, len(addresses) + 1):
-        if index == len(addresses) or addresses[index] != addresses[index - 1] + 1:
-            yield addresses[start], addresses[index - 1]
-            start = index
+def _ranges(tried: Iterable[tuple[int, bool]]) -> Iterator[tuple[int, int]]:
+    """Yield (first, last) of the addresses that answered, up to the next one that did not."""
+    for answered, run in itertools.groupby(tried, key=itemgetter(1)):
+        if answered:
+            first, *rest = (address for address, _ in run)
+            yield first, rest[-1] if rest else first
 
 
 def _slower(latency: Latency, requests: int, timeout_s: float) -> str:

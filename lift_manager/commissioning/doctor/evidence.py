@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum, unique
 from pathlib import Path
 
-from drivers.errors import PATH_UNAVAILABLE, TARGET_SILENT, ConnectFailed, ConnectProblem
+from drivers.errors import ACCEPTED, BUSY, PATH_UNAVAILABLE, TARGET_SILENT, ConnectFailed, ConnectProblem
 from drivers.modbus.plan import polled_points
 from drivers.modbus.wire import PymodbusWire, Wire
 from lift_manager.commissioning.doctor.subjects import SIBLING, ExaminedController, Subjects
@@ -36,7 +36,7 @@ UNITS = (0, 1, 2, 3, 10, 247, 255)
 PORTS = (502, 503, 802, 1502, 5020, 10502)
 """Ports that controllers, gateways and simulators use."""
 EDGE_STEPS = (1, 2, 4, 8, 16, 32, 64)
-"""How far beyond a served range is looked, address by address."""
+"""How far beyond a served range is looked."""
 
 
 @unique
@@ -82,6 +82,10 @@ class Purpose(StrEnum):
     BLOCK = "block"
 
 
+NOT_REFUSED = frozenset({ACCEPTED, BUSY, PATH_UNAVAILABLE, TARGET_SILENT})
+"""Exceptions that are about the moment or the unit, and not about the addresses."""
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
     """One read and what became of it."""
@@ -105,6 +109,11 @@ class Answer:
     def is_answer(self) -> bool:
         """Whether the controller answered, with values or with an exception."""
         return self.values is not None or self.exception is not None
+
+    @property
+    def is_refusal(self) -> bool:
+        """Whether the controller refuses these addresses, and not just now."""
+        return self.exception is not None and self.exception not in NOT_REFUSED
 
     @property
     def proves_unit(self) -> bool:
@@ -296,7 +305,14 @@ class _Examiner:
 
     @property
     def _is_hopeless(self) -> bool:
-        return len(self._answers) >= HOPELESS and not any(answer.is_answer for answer in self._answers)
+        """Whether nothing at all was answered, although every unit was tried."""
+        tried = {answer.unit for answer in self._answers}
+        is_enough = len(self._answers) >= HOPELESS and tried >= {unit for unit, _ in self._polls}
+        return is_enough and not any(answer.is_answer for answer in self._answers)
+
+    def _is_silent(self, unit: int) -> bool:
+        """Whether a unit never answered: each further read from it would take as long as many others."""
+        return not any(answer.is_answer for answer in self._answers if answer.unit == unit)
 
     async def _poll(self, prober: Prober) -> None:
         """Read as a manager does; what a refused block holds is read address by address, once."""
@@ -306,10 +322,12 @@ class _Examiner:
             began = self._now
             after: list[tuple[int, Block]] = []
             for unit, block in polls:
+                if turn and self._is_silent(unit) and not self._is_alone(unit):
+                    continue
                 answer = await self._read(prober, Purpose.POLL, unit, block.table, block.start, block.count, turn)
                 if self._is_hopeless:
                     return
-                is_new = turn == 0 and answer.exception is not None and block.count > 1
+                is_new = turn == 0 and answer.is_refusal and block.count > 1
                 after += await self._served_part(prober, unit, block) if is_new else [(unit, block)]
             polls = after
             if not polls:
@@ -322,11 +340,16 @@ class _Examiner:
             self._report(f"{self._controller.name}: {prober.requests} reads, {max(0.0, left_s):.0f} s left")
             await asyncio.sleep(max(0.0, began + self._poll_s - self._now))
 
+    def _is_alone(self, unit: int) -> bool:
+        return {unit} == {polled for polled, _ in self._polls}
+
     async def _read_outputs(self, prober: Prober, turn: int) -> None:
         refused = []
         for unit, block in self._outputs:
+            if self._is_silent(unit):
+                continue
             answer = await self._read(prober, Purpose.OUTPUTS, unit, block.table, block.start, block.count, turn)
-            if answer.exception is not None:
+            if answer.is_refusal:
                 refused.append((unit, block))
         self._outputs = [output for output in self._outputs if output not in refused]
 
@@ -407,14 +430,24 @@ class _Examiner:
         for unit, span, table in self._spans():
             for address in (span.start, span.stop - 1):
                 await self._read(prober, Purpose.RANGE, unit, table, address, 1)
-            for direction, edge in ((-1, span.start), (1, span.stop - 1)):
-                for step in EDGE_STEPS:
-                    address = edge + direction * step
-                    if not 0 <= address <= 0xFFFF:
-                        break
-                    answer = await self._read(prober, Purpose.RANGE, unit, table, address, 1)
-                    if answer.values is None:
-                        break
+            await self._find_edge(prober, unit, table, span.start, -1)
+            await self._find_edge(prober, unit, table, span.stop - 1, 1)
+
+    async def _find_edge(self, prober: Prober, unit: int, table: Table, edge: int, direction: int) -> None:
+        """Look beyond one end of a served range: in growing steps up to a refusal, and then in halves back to the last address."""
+        good, bad = 0, None
+        for step in EDGE_STEPS:
+            if not 0 <= edge + direction * step <= 0xFFFF:
+                return
+            answer = await self._read(prober, Purpose.RANGE, unit, table, edge + direction * step, 1)
+            if answer.values is None:
+                bad = step
+                break
+            good = step
+        while bad is not None and bad - good > 1:
+            step = (good + bad) // 2
+            answer = await self._read(prober, Purpose.RANGE, unit, table, edge + direction * step, 1)
+            good, bad = (step, bad) if answer.values is not None else (good, step)
 
     def _spans(self) -> Iterator[tuple[int, range, Table]]:
         """Yield what the maps say that this controller serves."""

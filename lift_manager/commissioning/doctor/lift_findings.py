@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 
-from drivers.errors import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, PATH_UNAVAILABLE, TARGET_SILENT
+from drivers.errors import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION
 from lift_manager.commissioning.doctor import picture as pictured
 from lift_manager.commissioning.doctor.evidence import Evidence, Probe, Purpose
 from lift_manager.commissioning.doctor.finding import Finding, Severity
@@ -118,9 +118,7 @@ class LiftJudge:
                     ),
                     None,
                 )
-                if answer.exception is None or block is None or block.count == 1:
-                    continue
-                if answer.exception in (PATH_UNAVAILABLE, TARGET_SILENT) or refused & set(block.cells):
+                if not answer.is_refusal or block is None or block.count == 1 or refused & set(block.cells):
                     continue
                 yield Finding(
                     Severity.ERROR,
@@ -136,7 +134,7 @@ class LiftJudge:
 
     def _refused_outputs(self) -> Iterator[Finding]:
         for name, controller in self._evidence.controllers.items():
-            refused = next((a for a in controller.of(Purpose.OUTPUTS) if a.exception is not None), None)
+            refused = next((a for a in controller.of(Purpose.OUTPUTS) if a.is_refusal), None)
             if refused is None:
                 continue
             commands = [
@@ -214,11 +212,16 @@ class LiftJudge:
 
     def _explained(self, best: Assumption) -> Finding:
         odd = self._odd_text()
-        tables = sorted({point.table for point in self._lift.codec.signal_points})
+        codec = self._lift.codec
+        tables = sorted({point.table for point in codec.signal_points})
+        written = {point.table for command in codec.commands.values() for point in command.points}
         name = self._lift.name
         if best.offset:
             direction = "higher" if best.offset > 0 else "lower"
-            offset = ", ".join(f"{table}: {best.offset + self._lift.codec.offset.get(table, 0)}" for table in tables)
+            offset = ", ".join(
+                f"{table}: {best.offset + self._lift.codec.offset.get(table, 0)}"
+                for table in sorted({*tables, *written})
+            )
             base = (self._lift.codec.map.addressing.base or 0) - best.offset
             in_map = (
                 f"write `addressing: {{base: {base}}}` in the map"

@@ -256,5 +256,5 @@ def refused_points(lift: ExaminedLift, evidence: Evidence) -> Iterator[tuple[Poi
     for point in dict.fromkeys(point for signal in lift.codec.signals.values() for point in signal.points):
         device = lift.device(point)
         answer = answers.get((device.controller, device.unit_id, point.table, point.address))
-        if answer is not None and answer.exception is not None:
+        if answer is not None and answer.exception is not None and answer.is_refusal:
             yield point, answer.exception

@@ -223,6 +223,8 @@ def where_it_is(report: Report, lift: ExaminedLift) -> str:
         if name in signals:
             value = signals[name].value if signals[name].value in words else f"? (reads {signals[name].raw})"
             parts.append(value if name == "motion" else f"mode {value}")
+    if (identity := signals.get("identity")) is not None:
+        parts.append(f"identity {identity.value}")
     flags = [name.replace("_", " ") for name, signal in signals.items() if signal.value == "yes"]
     return ", ".join([*parts, *flags]) or "no signal was read"
 

@@ -20,6 +20,7 @@ from lift_manager.commissioning.doctor.evidence import (
 from lift_manager.commissioning.doctor.finding import Severity
 from lift_manager.commissioning.doctor.findings import judge
 from lift_manager.commissioning.doctor.subjects import Subjects, subjects_at
+from lift_manager.config.devices import Device
 from register_maps.codec import Codec, Value
 from register_maps.frames import unpack_bits
 from register_maps.load import load
@@ -314,3 +315,30 @@ def test_bits_of_another_offset_are_explained_only_by_more_than_one_signal(offse
     probe = Answer(9.5, Purpose.OFFSET, 1, Table.DISCRETE, 30 if offset > 0 else 0xFFFF, 1, 0.004, (beside,))
     assert set(codec.served) == {"discrete", "coil"}
     assert codes(read(*answers, probe), examined, Probe.OFFSET) == ["off-by-one"]
+
+
+def test_a_controller_that_is_busy_at_times_is_not_taken_for_one_that_refuses_addresses() -> None:
+    busy = Answer(9.0, Purpose.POLL, 1, Table.HOLDING, 0, 8, 0.004, exception=6, turn=9)
+    assert codes(read(*REST, busy)) == ["busy"]
+
+
+def test_a_unit_that_is_silent_beside_one_that_answers_is_named_with_its_lift() -> None:
+    one = subjects()
+    lift = one.lifts["lift"]
+    other = replace(lift, name="other", devices={"": Device(PLC, 2)})
+    both = Subjects(one.controllers, {"lift": lift, "other": other})
+    silent = replace(unanswered("no answer within 2 s"), unit=2)
+    found = judge(both, Evidence({PLC: read(*REST, silent)}, 8.0))
+    assert [finding.text for finding in found if finding.needs_work] == [
+        "unit 2 (lift other) never answers, and another unit here does"
+    ]
+
+
+@each_row(
+    "ports, text",
+    [(None, "`--probe port` tries"), ((502, 5020), "port 502 and 5020 accepts"), ((), "none of the usual ports")],
+)
+def test_a_refused_connection_names_the_ports_that_accept_one(ports: tuple[int, ...] | None, text: str) -> None:
+    evidence = ControllerEvidence(ConnectProblem.REFUSED, "plc:502: refused", open_ports=ports)
+    (finding,) = judge(subjects(), Evidence({PLC: evidence}, 8.0))
+    assert text in finding.cure
