@@ -21,6 +21,7 @@ from register_maps.words import BIT_TABLES, READ_FUNCTION, Door, Motion, Table
 MOST_NAMED = 4
 """Signals that one line names."""
 MOST_LISTED = 8
+"""Signals that did not change that are listed; of more only the number is given."""
 LEAST_SIGNALS = 3
 """Fewer signals than this show no pattern. Chosen."""
 DRIFT_STEPS = 5
@@ -45,6 +46,7 @@ class LiftJudge:
             return
         yield from self._refused()
         if not self._pictures:
+            yield from self._outputs()
             return
         if self._is_dead:
             yield self._all_zero()
@@ -68,11 +70,11 @@ class LiftJudge:
     def _refused(self) -> Iterator[Finding]:
         """Name the points that were answered with an exception, and blocks that only as a whole were."""
         lift = self._lift
-        by_code: dict[tuple[Table, int], list[Point]] = {}
+        by_code: dict[tuple[str, Table, int], list[Point]] = {}
         for point, code in pictured.refused_points(lift, self._evidence):
-            by_code.setdefault((point.table, code), []).append(point)
-        for (table, code), points in by_code.items():
-            of_table = {p.cell for p in lift.codec.signal_points if p.table is table}
+            by_code.setdefault((point.endpoint, point.table, code), []).append(point)
+        for (endpoint, table, code), points in by_code.items():
+            of_table = {p.cell for p in lift.codec.signal_points if (p.endpoint, p.table) == (endpoint, table)}
             is_all = len({p.cell for p in points}) == len(of_table)
             if code == ILLEGAL_FUNCTION or (code == ILLEGAL_ADDRESS and is_all):
                 function = READ_FUNCTION[table]
@@ -234,7 +236,8 @@ class LiftJudge:
                 name,
                 "all addresses of the map",
                 f"everything makes sense one address {direction}, and not where the map has it ({odd})",
-                f"The vendor's table counts from another number than the map: {in_map}, or write `offset: {{{offset}}}` for the lift",
+                f"The vendor's table probably counts from another number: compare one address with it, then {in_map}, or write"
+                f" `offset: {{{offset}}}` for the lift",
             )
         if best.other_table:
             others = " and ".join(f"{TABLE_NAMES[SIBLING[table]]} for {TABLE_NAMES[table]}" for table in tables)
@@ -482,8 +485,9 @@ class LiftJudge:
             return
         since, longest_s = times[0][0], 0.0
         for (_, before), (at_s, raw) in itertools.pairwise(times):
-            longest_s = max(longest_s, at_s - since)
-            if raw != before:
+            if raw == before:
+                longest_s = max(longest_s, at_s - since)
+            else:
                 since = at_s
         if len({raw for _, raw in times}) > 1 and longest_s > alive.must_change_within_s:
             yield self._finding(
@@ -520,9 +524,7 @@ class LiftJudge:
         odd = {misfit.signal for misfit in self._misfits}
         doors = [name for name in lift.codec.signals if name.startswith("door.") and name not in odd]
         for name in doors:
-            if any(p.values.get(name) is Door.OPEN and p.values.get("motion") in MOVING for p in found) or (
-                "motion" not in lift.codec.signals and self._floor_changed_with_open(name)
-            ):
+            if pictured.is_open_under_way(found, name):
                 yield self._finding(
                     Severity.ERROR,
                     "open-under-way",
@@ -559,14 +561,6 @@ class LiftJudge:
     @property
     def _span_s(self) -> float:
         return self._pictures[-1].at_s - self._pictures[0].at_s if self._pictures else 0.0
-
-    def _floor_changed_with_open(self, door: str) -> bool:
-        for before, after in itertools.pairwise(self._pictures):
-            floors = before.values.get("car_floor"), after.values.get("car_floor")
-            are_floors = all(isinstance(floor, int) for floor in floors)
-            if are_floors and floors[0] != floors[1] and before.values.get(door) is after.values.get(door) is Door.OPEN:
-                return True
-        return False
 
     def _is_held(self, door: str) -> bool:
         command = self._lift.codec.commands.get(f"hold_{door}")

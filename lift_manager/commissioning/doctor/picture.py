@@ -18,6 +18,8 @@ from register_maps.words import BIT_TABLES, Door, Mode, Motion, Table
 HIGHEST_FLOOR = 99
 LOWEST_FLOOR = -9
 """Floor codes beyond these are not believed where nobody has named the floors. Chosen: no building has them."""
+FLOOR_S = 1.0
+"""In less than this no car passes a floor between two others. Chosen."""
 RESTLESS = 3
 """More changes of floor than this, without the car passing the floors in between, are no car. Chosen."""
 DOOR_S = 6.0
@@ -218,13 +220,39 @@ def is_floor(lift: ExaminedLift, signal: SignalCodec, value: Value | Unlisted) -
 
 
 def _is_restless(lift: ExaminedLift, found: Sequence[Picture]) -> bool:
-    """Whether the floor jumps about as no car does: over floors, or at every poll."""
-    codes = [p.values["car_floor"] for p in found]
+    """Whether the floor jumps about as no car does: over floors in no time, or at every poll."""
     order = {code: place for place, code in enumerate(lift.floors)}
-    pairs = [(a, b) for a, b in itertools.pairwise(codes) if isinstance(a, int) and isinstance(b, int) and a != b]
-    jumps = [pair for pair in pairs if abs(order.get(pair[0], pair[0]) - order.get(pair[1], pair[1])) > 1]
-    span_s = found[-1].at_s - found[0].at_s
-    return len(jumps) > RESTLESS or len(pairs) > max(RESTLESS, span_s)
+    changed, jumps = 0, 0
+    for before, after in itertools.pairwise(found):
+        one, other = before.values["car_floor"], after.values["car_floor"]
+        if isinstance(one, int) and isinstance(other, int) and one != other:
+            changed += 1
+            are_close = after.at_s - before.at_s < FLOOR_S
+            jumps += are_close and one in order and other in order and abs(order[one] - order[other]) > 1
+    return jumps > RESTLESS or changed > max(RESTLESS, found[-1].at_s - found[0].at_s)
+
+
+def is_open_under_way(found: Sequence[Picture], door: str) -> bool:
+    """Whether a door reads open while the car moves, for longer than levelling takes, or open from one floor to another."""
+    since = before = None
+    last_s = found[0].at_s
+    for picture in found:
+        gap_s, last_s = picture.at_s - last_s, picture.at_s
+        if picture.values.get(door) is not Door.OPEN or gap_s > LEVELLING_S:
+            since = before = None
+            continue
+        floor = picture.values.get("car_floor")
+        if isinstance(floor, int):
+            if before not in (None, floor):
+                return True
+            before = floor
+        if picture.values.get("motion") not in MOVING:
+            since = None
+        elif since is None:
+            since = picture.at_s
+        elif picture.at_s - since > LEVELLING_S:
+            return True
+    return False
 
 
 def changes(found: Sequence[Picture], name: str) -> int:

@@ -342,3 +342,32 @@ def test_a_refused_connection_names_the_ports_that_accept_one(ports: tuple[int, 
     evidence = ControllerEvidence(ConnectProblem.REFUSED, "plc:502: refused", open_ports=ports)
     (finding,) = judge(subjects(), Evidence({PLC: evidence}, 8.0))
     assert text in finding.cure
+
+
+def test_levelling_with_an_open_door_is_no_contradiction_and_travel_is_one() -> None:
+    shut: Mapping[str, Value] = {}
+    level: Mapping[str, Value] = {"door__front": Door.OPEN}
+    moves: Mapping[str, Value] = {"door__front": Door.OPEN, "motion": Motion.UP}
+    assert codes(read(*timeline(shut, level, moves, level, moves, moves, level, shut))) == []
+    assert codes(read(*timeline(shut, level, moves, moves, moves, moves, moves, shut))) == ["open-under-way"]
+
+
+def test_a_door_that_is_open_from_one_floor_to_another_is_a_contradiction() -> None:
+    open_at: list[Mapping[str, Value]] = [{"door__front": Door.OPEN, "car_floor": floor} for floor in (1, 2)]
+    assert "open-under-way" in codes(read(*timeline({}, *open_at, {"car_floor": 2})))
+    assert "open-under-way" not in codes(read(*timeline({}, open_at[0], {}, open_at[1])))
+
+
+def test_a_gap_between_two_reads_is_no_pause_of_the_heartbeat() -> None:
+    codec = subjects().lifts["lift"].codec
+    rows = polls(*(registers(codec, alive=count) for count in range(4)), every_s=9.0)
+    assert codes(read(*rows)) == []
+
+
+def test_a_ride_past_many_floors_is_no_restless_floor() -> None:
+    tower = subjects(floors={f"L{code}": code for code in range(1, 40)})
+    codec = tower.lifts["lift"].codec
+    trip: list[Value] = [*range(1, 40, 3), *range(39, 0, -3)]
+    rows = [registers(codec, alive=turn, car_floor=floor, motion=Motion.UP) for turn, floor in enumerate(trip)]
+    assert "restless" not in codes(read(*polls(*rows, every_s=2.0)), tower)
+    assert codes(read(*polls(*rows, every_s=0.2)), tower)[0] == "restless"
