@@ -43,6 +43,7 @@ from lift_manager.commissioning.doctor.subjects import (
     subjects_at,
     subjects_of_site,
 )
+from lift_manager.commissioning.maps_check import unset_text
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import MODBUS_PORT
 from lift_manager.plain.version import running_version
@@ -153,19 +154,27 @@ def _subjects(subject: str, map_name: str, unit: int | None, floors: str) -> tup
     loaded_map = load_map_or_exit(map_name) if map_name else None
     if loaded_map is None:
         print_stderr("without --map doctor knows no points: it reads one register, to see whether anything answers")
+    else:
+        for line in unset_text(loaded_map):
+            print_stderr(line)
+        if endpoints := loaded_map.map.endpoints:
+            print_stderr(
+                f"points of {', '.join(endpoints)} are not read: only a site file says where these devices are"
+            )
     return subjects_at(host, port, loaded_map, unit=unit, floors=read_floors(floors)), plain_wire
 
 
 def _site_wires(loaded: LoadedSite) -> MakeWire:
     wires = network_wires(loaded.path.parent)
 
-    def make(controller: ExaminedController):  # type: ignore[no-untyped-def]  # cli does not import the wires
+    def is_own(controller: ExaminedController) -> bool:
+        """Whether it is the controller of the site file, and not another port of its host."""
         spec = loaded.site.controllers[controller.name]
-        if (spec.host, spec.port) == (controller.host, controller.port):
-            return wires(spec)
-        return plain_wire(controller)
+        return (spec.host, spec.port) == (controller.host, controller.port)
 
-    return make
+    return lambda controller: (
+        wires(loaded.site.controllers[controller.name]) if is_own(controller) else plain_wire(controller)
+    )
 
 
 def host_and_port(text: str) -> tuple[str, int]:

@@ -29,7 +29,7 @@ from lift_manager.cli.doctor import host_and_port
 from lift_manager.commissioning import maps_list
 from lift_manager.commissioning.doctor.evidence import collect
 from lift_manager.commissioning.doctor.finding import Severity
-from lift_manager.commissioning.doctor.report import finding_line, lines, make_report
+from lift_manager.commissioning.doctor.report import finding_line, looks, make_report
 from lift_manager.commissioning.doctor.subjects import subjects_of_site
 from lift_manager.commissioning.output import OutputRefused, save
 from lift_manager.commissioning.site_file import FirstLift, site_file
@@ -253,7 +253,7 @@ def _look(site: LoadedSite) -> None:
         return
     report = make_report(subjects, evidence, version=running_version(), time="")
     errors = [finding for finding in report.findings if finding.severity is Severity.ERROR]
-    print_lines(line for line in lines(report, subjects) if not line.startswith(tuple(s.upper() for s in Severity)))
+    print_lines(looks(report, subjects))
     print_lines(finding_line(finding) for finding in errors[:MOST_ERRORS])
     if not errors:
         print_lines(["Look at the lift: is that so?"])

@@ -315,14 +315,7 @@ class LiftJudge:
                     "Start the program of the controller, or correct the address of `alive` in the map",
                 )
             case Oddity.UNDER_WAY:
-                what = "the car is level" if misfit.signal == "level" else "the door is not shut"
-                return self._finding(
-                    Severity.ERROR,
-                    "open-under-way",
-                    misfit.signal,
-                    f"{what}, and the car moves all the time ({self._printed('motion')})",
-                    "If the car stands, correct the motion; otherwise this contact is inverted (`active` in the map) or another signal",
-                )
+                return self._under_way(misfit.signal)
             case Oddity.BETWEEN:
                 return self._finding(
                     Severity.WARNING,
@@ -341,6 +334,26 @@ class LiftJudge:
                 )
             case _:
                 return self._unlisted(misfit)
+
+    def _under_way(self, name: str) -> Finding:
+        motion = f" ({self._printed('motion')})" if "motion" in self._lift.codec.signals else ""
+        if name == "level":
+            text, cure = (
+                "the car is level while it moves",
+                "this contact is inverted (`active` in the map) or another signal",
+            )
+        else:
+            text = "the door is not shut while the car moves"
+            cure = (
+                "its contact is inverted (`active` in the map), its two limits are exchanged, or it is another signal"
+            )
+        return self._finding(
+            Severity.ERROR,
+            "open-under-way",
+            name,
+            f"{text}{motion}",
+            f"Watch the lift: if it stands, correct the motion; otherwise {cure}",
+        )
 
     def _unlisted(self, misfit: Misfit) -> Finding:
         """Explain a value that is in no table: bytes exchanged, a negative number, or nothing known."""
@@ -524,14 +537,8 @@ class LiftJudge:
         odd = {misfit.signal for misfit in self._misfits}
         doors = [name for name in lift.codec.signals if name.startswith("door.") and name not in odd]
         for name in doors:
-            if pictured.is_open_under_way(found, name):
-                yield self._finding(
-                    Severity.ERROR,
-                    "open-under-way",
-                    name,
-                    "the door reads open while the car moves: its contact is inverted, its two limits are exchanged, or it is another signal",
-                    "Open and close the door and look at each contact; exchange the addresses, or write `active` for it in the map",
-                )
+            if pictured.is_open_between_floors(found, name):
+                yield self._under_way(name)
             elif pictured.always(found, name, Door.OPEN) and not self._is_held(name):
                 yield self._finding(
                     Severity.WARNING,
@@ -701,7 +708,8 @@ class LiftJudge:
         found = self._pictures
         still = [name for name in self._lift.codec.signals if name != "alive" and not pictured.changes(found, name)]
         if still and self._span_s:
-            count = f"{len(still)} of {len(self._lift.codec.signals)} signals"
+            signals = len(self._lift.codec.signals)
+            count = f"{len(still)} of {signals} signals" if len(still) < signals else f"all {signals} signals"
             which = ", ".join(still) if len(still) <= MOST_LISTED else count
             yield Finding(
                 Severity.NOTE,

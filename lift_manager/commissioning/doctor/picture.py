@@ -27,6 +27,7 @@ DOOR_S = 6.0
 LEVELLING_S = 3.0
 """Longer than a car moves with its door open: advance opening, and levelling. Chosen."""
 MOVING = frozenset({Motion.UP, Motion.DOWN, Motion.MOVING})
+NOT_SHUT = (Door.OPEN, Door.MOVING, Door.OPENING, Door.CLOSING)
 MODES_WITHOUT_ROBOTS = frozenset(
     {Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.ATTENDANT, Mode.OUT_OF_SERVICE}
 )
@@ -68,7 +69,7 @@ class Oddity(StrEnum):
     CONTRADICTION = "contradiction"
     """Contacts that exclude each other are made together."""
     UNDER_WAY = "under way"
-    """A door that is not shut, or a car that is level, for as long as the car moves."""
+    """A door that is not shut, or a car that is level, while the car moves."""
     BETWEEN = "between"
     """A door that is never open and never shut."""
     STILL = "still"
@@ -163,7 +164,7 @@ def _misfit(lift: ExaminedLift, signal: SignalCodec, found: Sequence[Picture]) -
             return Misfit(name, oddity, odd[-1].raw[name], is_constant=len(odd) == len(found))
     if signal.kind is Kind.DOOR and (door := _door_oddity(name, found)) is not None:
         return Misfit(name, door, found[-1].raw[name], is_constant=True)
-    if name == "level" and _is_always_under_way(found) and always(found, name, True):
+    if name == "level" and _under_way_with(found, name, True):
         return Misfit(name, Oddity.UNDER_WAY, found[-1].raw[name], is_constant=True)
     if signal.kind is Kind.COUNTER and stands_still(lift, found):
         return Misfit(name, Oddity.STILL, found[-1].raw[name], is_constant=True)
@@ -173,16 +174,25 @@ def _misfit(lift: ExaminedLift, signal: SignalCodec, found: Sequence[Picture]) -
 
 
 def _door_oddity(name: str, found: Sequence[Picture]) -> Oddity | None:
-    if _is_always_under_way(found) and not any(p.values[name] is Door.CLOSED for p in found):
+    if _under_way_with(found, name, *NOT_SHUT):
         return Oddity.UNDER_WAY
     if found[-1].at_s - found[0].at_s > DOOR_S and always(found, name, Door.MOVING, Door.OPENING, Door.CLOSING):
         return Oddity.BETWEEN
     return None
 
 
-def _is_always_under_way(found: Sequence[Picture]) -> bool:
-    """Whether the car moves in every picture, for longer than it takes to level."""
-    return found[-1].at_s - found[0].at_s > LEVELLING_S and always(found, "motion", *MOVING)
+def _under_way_with(found: Sequence[Picture], name: str, *values: Value) -> bool:
+    """Whether a signal has one of these values while the car moves, for longer than it levels with its door open."""
+    since = None
+    for before, picture in itertools.pairwise(found):
+        is_odd = picture.values.get(name) in values and picture.values.get("motion") in MOVING
+        if not is_odd or picture.at_s - before.at_s > LEVELLING_S:
+            since = None
+        elif since is None:
+            since = picture.at_s
+        elif picture.at_s - since > LEVELLING_S:
+            return True
+    return False
 
 
 def stands_still(lift: ExaminedLift, found: Sequence[Picture]) -> bool:
@@ -232,26 +242,19 @@ def _is_restless(lift: ExaminedLift, found: Sequence[Picture]) -> bool:
     return jumps > RESTLESS or changed > max(RESTLESS, found[-1].at_s - found[0].at_s)
 
 
-def is_open_under_way(found: Sequence[Picture], door: str) -> bool:
-    """Whether a door reads open while the car moves, for longer than levelling takes, or open from one floor to another."""
-    since = before = None
-    last_s = found[0].at_s
+def is_open_between_floors(found: Sequence[Picture], door: str) -> bool:
+    """Whether a door reads open from one floor to another."""
+    floor, last_s = None, found[0].at_s
     for picture in found:
         gap_s, last_s = picture.at_s - last_s, picture.at_s
         if picture.values.get(door) is not Door.OPEN or gap_s > LEVELLING_S:
-            since = before = None
+            floor = None
             continue
-        floor = picture.values.get("car_floor")
-        if isinstance(floor, int):
-            if before not in (None, floor):
+        now = picture.values.get("car_floor")
+        if isinstance(now, int):
+            if floor not in (None, now):
                 return True
-            before = floor
-        if picture.values.get("motion") not in MOVING:
-            since = None
-        elif since is None:
-            since = picture.at_s
-        elif picture.at_s - since > LEVELLING_S:
-            return True
+            floor = now
     return False
 
 

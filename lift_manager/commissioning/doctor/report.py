@@ -171,12 +171,18 @@ def _word(lift: ExaminedLift, value: Value | Unlisted) -> str:
 
 def lines(report: Report, subjects: Subjects) -> Iterator[str]:
     """Yield what was examined, and a line per finding."""
+    yield f"lift-manager {report.version}, {report.time}: doctor only reads, and wrote nothing"
+    yield from looks(report, subjects)
+    yield from map(finding_line, report.findings)
+
+
+def looks(report: Report, subjects: Subjects) -> Iterator[str]:
+    """Yield how each controller answers, and where each car is."""
     for name, facts in report.controllers.items():
         yield _controller_line(name, facts)
     for name, lift in report.lifts.items():
         if lift.signals:
             yield f"{name}: {where_it_is(report, subjects.lifts[name])} (map {lift.map}, sha256 {lift.sha256[:12]})"
-    yield from map(finding_line, report.findings)
 
 
 def finding_line(finding: Finding) -> str:

@@ -347,7 +347,7 @@ def test_a_refused_connection_names_the_ports_that_accept_one(ports: tuple[int, 
 def test_levelling_with_an_open_door_is_no_contradiction_and_travel_is_one() -> None:
     shut: Mapping[str, Value] = {}
     level: Mapping[str, Value] = {"door__front": Door.OPEN}
-    moves: Mapping[str, Value] = {"door__front": Door.OPEN, "motion": Motion.UP}
+    moves: Mapping[str, Value] = {"door__front": Door.OPEN, "motion": Motion.UP, "level": False}
     assert codes(read(*timeline(shut, level, moves, level, moves, moves, level, shut))) == []
     assert codes(read(*timeline(shut, level, moves, moves, moves, moves, moves, shut))) == ["open-under-way"]
 

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -14,7 +15,7 @@ from lift_manager.commissioning.doctor.report import lines, summary
 from lift_manager.lab.plant import default_floors
 from register_maps.load import load, shipped
 from register_maps.signal_codec import swap_bytes
-from register_maps.words import Table
+from register_maps.words import Side, Table
 from simulator.state import Inputs
 from tests.support.planted import (
     Edit,
@@ -194,6 +195,31 @@ def test_a_planted_mistake_is_found_in_a_line_that_says_what_to_do(mistake: str,
 @each_row("name", [name for name in shipped() if not load(name).map.needs and load(name).map.signals])
 def test_a_lift_without_a_mistake_needs_no_work(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     mistake = Mistake(map=name, floors=default_floors(loaded(name).map))
+    report, _ = examine(mistake, tmp_path_factory.mktemp("locks"))
+    assert [finding.code for finding in report.findings if finding.needs_work] == []
+
+
+def ridden(floors: int, seed: int) -> tuple[tuple[float, Inputs], ...]:
+    """Return what passengers do to a lift in a minute: buttons, the light curtain, the open button."""
+    random, at_s = Random(seed), 1.0
+    found: list[tuple[float, Inputs]] = []
+    while at_s < 60:
+        floor, front = frozenset({random.randrange(floors)}), frozenset({Side.FRONT})
+        doing = [
+            Inputs(car_buttons=floor),
+            Inputs(landing_buttons=floor),
+            Inputs(obstruction=front),
+            Inputs(hold_door=front),
+        ]
+        found += [(at_s, random.choice(doing)), (at_s + random.uniform(0.5, 3), Inputs())]
+        at_s += random.uniform(4, 12)
+    return tuple(found)
+
+
+@each_row("name", ["generic-registers", "generic-coils", "seer-siemens-chengdu", "two-stop-agv", "thingweb-elevator"])
+def test_a_lift_that_people_ride_meanwhile_needs_no_work(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    floors = default_floors(loaded(name).map)
+    mistake = Mistake(map=name, floors=floors, people=ridden(len(floors), 1), seconds=65.0)
     report, _ = examine(mistake, tmp_path_factory.mktemp("locks"))
     assert [finding.code for finding in report.findings if finding.needs_work] == []
 

@@ -106,7 +106,8 @@ def test_a_file_that_is_no_earlier_run_is_refused(
 
 def test_the_head_says_how_it_answers_and_where_the_car_is(tmp_path: Path) -> None:
     mistake = Mistake()
-    controller, lift, *_ = lines(run(mistake, tmp_path), subjects_of(mistake))
+    head, controller, lift, *_ = lines(run(mistake, tmp_path), subjects_of(mistake))
+    assert head == "lift-manager 1, 2026-11-23T12:00:00+00:00: doctor only reads, and wrote nothing"
     assert controller.startswith("plc:502, unit 1: answers in 4.0 ms, ")
     assert controller.endswith("1 request per poll, transaction ids repeated, survives a pause")
     assert lift.startswith("lift: car at L1, door closed, stopped, mode normal, level (map generic-registers, sha256 ")
