@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import sys
 import textwrap
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Annotated, TypeVar
@@ -34,6 +36,7 @@ from lift_manager.commissioning.doctor.subjects import subjects_of_site
 from lift_manager.commissioning.output import OutputRefused, save
 from lift_manager.commissioning.site_file import FirstLift, site_file
 from lift_manager.config.load import LoadedSite, load_site
+from lift_manager.lift.config import LIFT_NAME
 from lift_manager.plain.version import running_version
 from register_maps.codec import compile_map
 from register_maps.errors import MapFileError
@@ -80,25 +83,20 @@ def init(  # noqa: PLR0913  a parameter per option
         print_lines(_map_choice())
     loaded = _option_or_prompt("--map", map_name, "Map", _usable_map)
     parameters = dict(_parameters(loaded, settings))
-    name = _option_or_prompt("--lift", lift, "Name of the lift", str, default="main")
+    name = _option_or_prompt("--lift", lift, "Name of the lift", _lift_name, default="main")
+    building = site_name or (_prompt("Name of the building", str, default="My site") if _is_terminal() else "My site")
     codes = _codes(loaded)
     question = "Floors with the controller's codes, lowest first (such as G=0,L1=1"
     question += f"; this map has the codes {listed_codes(codes)})" if codes else ")"
-    named = _option_or_prompt("--floors", floors, question, lambda text: _floors(text, codes))
-    building = site_name or (_prompt("Name of the building", str, default="My site") if _is_terminal() else "My site")
-    first = FirstLift(
-        building,
-        address,
-        port,
-        _as_written(loaded, file),
-        maps_list.summarize_map(loaded).title,
-        name,
-        named,
-        unit,
-        parameters,
-    )
-    text = site_file(first, day=f"{datetime.now().astimezone():%Y-%m-%d}")
-    site = _checked(text, file)
+
+    def draft(floors_text: str) -> tuple[str, LoadedSite]:
+        named = _floors(floors_text, codes)
+        title = maps_list.summarize_map(loaded).title
+        first = FirstLift(building, address, port, _as_written(loaded, file), title, name, named, unit, parameters)
+        text = site_file(first, day=f"{datetime.now().astimezone():%Y-%m-%d}")
+        return text, _checked(text, file, ("lifts", name, "floors"))
+
+    text, site = _option_or_prompt("--floors", floors, question, draft)
     if not offline:
         _look(site)
     try:
@@ -147,6 +145,15 @@ def _codes(loaded: LoadedMap) -> tuple[int, ...]:
     listed = [signal.floor_codes for signal in codec.signals.values() if signal.floor_codes]
     listed += [tuple(spec.positions) for spec in loaded.map.signals.values() if spec.positions is not None]
     return listed[0] if listed else ()
+
+
+def _lift_name(text: str) -> str:
+    if not re.fullmatch(LIFT_NAME, text):
+        raise typer.BadParameter(
+            "the name of a lift has letters, digits, `-`, `_` and `.`, and begins with a letter, a digit or `_`",
+            param_hint="--lift",
+        )
+    return text
 
 
 def _floors(text: str, codes: Collection[int]) -> dict[str, int]:
@@ -212,8 +219,8 @@ def _parameters(loaded: LoadedMap, settings: list[str]) -> Iterator[tuple[str, P
         elif name in loaded.unset:
             if not _is_terminal():
                 raise typer.BadParameter(f"{name} is needed: {parameter.help}", param_hint="--set")
-            question = f"{name}: {' '.join(parameter.help.split())}"
-            yield name, _prompt(question, lambda text, n=name, p=parameter: _parameter(n, p, text))  # type: ignore[misc]
+            print_lines([f"{name}: {' '.join(parameter.help.split())}"])
+            yield name, _prompt(f"  {name} (such as {parameter.value})", partial(_parameter, name, parameter))
 
 
 def _parameter(name: str, parameter: Parameter, text: str) -> ParameterValue:
@@ -228,8 +235,11 @@ def _parameter(name: str, parameter: Parameter, text: str) -> ParameterValue:
     return value
 
 
-def _checked(text: str, file: Path) -> LoadedSite:
-    """Load the text as the file that it will be, or report its mistakes and exit with 2."""
+def _checked(text: str, file: Path, floors: Sequence[str]) -> LoadedSite:
+    """Load the text as the file that it will be, or report its mistakes and exit with 2.
+
+    Raises typer.BadParameter for a mistake of the floors that a person at a terminal can correct.
+    """
     try:
         with NamedTemporaryFile("w", dir=file.resolve().parent, suffix=file.suffix, encoding="utf-8") as draft:
             draft.write(text)
@@ -238,6 +248,9 @@ def _checked(text: str, file: Path) -> LoadedSite:
     except OSError as error:
         raise fail(f"{file} cannot be written: {error.strerror or error}") from error
     except MapFileError as error:
+        if _is_terminal() and all(found.key.startswith(".".join(floors)) for found in error.findings):
+            texts = dict.fromkeys(found.message for found in error.findings)
+            raise typer.BadParameter("\n".join(texts), param_hint="--floors") from error
         findings = [replace(found, file=str(file)) if found.file == draft.name else found for found in error.findings]
         raise report_mistakes(MapFileError(findings)) from error
 

@@ -204,10 +204,12 @@ def test_a_person_at_a_terminal_is_asked_for_everything_and_asked_again(
     person.read_until("did you mean `generic-registers`")
     person.answer("Map:", "generic-registers")
     person.answer("Name of the lift [main]:", "")
+    person.answer("Name of the building [My site]:", "Clinic")
     person.answer("Floors", "G=1")
     person.read_until("two floors or more")
+    person.answer("Floors", "G=0,First=1")
+    person.read_until("code 0")
     person.answer("Floors", "G=1,First=2")
-    person.answer("Name of the building [My site]:", "Clinic")
     person.read_until("car at G")
     assert person.ended() == 0
     assert yaml.safe_load((tmp_path / "site.yaml").read_text("utf-8"))["name"] == "Clinic"
