@@ -1,4 +1,7 @@
-"""Opens files that belong to this program alone, in places where other users may be able to write."""
+"""Opens and replaces files that belong to this program alone, in places where other users may be able to write.
+
+A crash never leaves half a file.
+"""
 
 from __future__ import annotations
 
@@ -37,6 +40,27 @@ def is_shared(folder: Path) -> bool:
         return False
     me = os.geteuid()
     return bool(status.st_mode & 0o022) or (me != 0 and status.st_uid not in (0, me))
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Replace the content of a file durably, or not at all. Raises OSError."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    temporary = path.with_name(f"{path.name}.new")
+    with open(make_own(temporary), "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    put_in_place(temporary, path)
+
+
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Rename a temporary file to its final name, and flush the name to the disk. Raises OSError."""
+    temporary.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
 
 
 def _open(path: Path, flags: int) -> int:

@@ -11,10 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from drivers.own_files import NOT_FOLLOWED, make_own
+from drivers.own_files import NOT_FOLLOWED, make_own, put_in_place
 from lift_manager.store.chain import StoredRow, follows, seed
 from lift_manager.store.errors import StoreDamaged, StoreForeign
-from lift_manager.store.place import put_in_place
 
 APPLICATION_ID = 0x4C494654
 """LIFT, in the header of the file."""

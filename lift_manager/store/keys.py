@@ -16,13 +16,13 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from drivers.own_files import is_shared, open_own, read_own
+from drivers.own_files import is_shared, open_own, read_own, replace_file
 from drivers.thread import in_thread
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.api.roles import Role
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.errors import KeysUnusable
-from lift_manager.store.place import SHARED_FOLDER, replace_file, unshare_advice
+from lift_manager.store.place import SHARED_FOLDER, unshare_advice
 
 _log = logging.getLogger(__name__)
 

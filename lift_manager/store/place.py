@@ -1,4 +1,4 @@
-"""Locates the files of a site, and replaces them so that a crash never leaves half a file."""
+"""Locates the files of a site."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from drivers.own_files import make_own, open_own
+from drivers.own_files import open_own
 from lift_manager.store.errors import StoreUnusable
 
 
@@ -69,24 +69,3 @@ SHARED_FOLDER = "is in a folder that other users can write to, who could replace
 def unshare_advice(folder: Path) -> str:
     """Return the advice on how to make a folder private to this user."""
     return f"`chmod go-w {folder}`, or name another folder with `state:` in the site file, which is then created for this user only"
-
-
-def replace_file(path: Path, data: bytes) -> None:
-    """Replace the content of a file durably, or not at all. Raises OSError."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.new")
-    with open(make_own(temporary), "wb") as file:  # noqa: PTH123  of a descriptor
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    put_in_place(temporary, path)
-
-
-def put_in_place(temporary: Path, path: Path) -> None:
-    """Rename a temporary file to its final name, and flush the name to the disk. Raises OSError."""
-    temporary.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)

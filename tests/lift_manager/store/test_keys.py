@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from drivers.own_files import replace_file
 from lift_manager.api.keys import Key, Secret
 from lift_manager.api.roles import Role
 from lift_manager.lift.journal import Row
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyFile, keys_path, make_key, may_own, read_keys, revoke_key
-from lift_manager.store.place import replace_file
 from tests.support.programs import eventually
 
 SITE = "Main hospital"

@@ -1,0 +1,1 @@
+"""The acceptance test of a lift: what is tested, how, and the record that people sign."""
