@@ -1,0 +1,305 @@
+"""The procedures of the abnormal cases: what happens when cable, power, manager, fire panel or robot mode go away."""
+
+from __future__ import annotations
+
+import asyncio
+
+from lift_manager.client.session import ActiveSession
+from lift_manager.commissioning.checkout.access import Access
+from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
+from lift_manager.commissioning.checkout.person import Prompt
+from lift_manager.commissioning.checkout.plan import WATCHED_S
+from lift_manager.commissioning.checkout.registers import Registered, Registers
+from lift_manager.commissioning.checkout.steps.press import call, other_floor, session
+from lift_manager.commissioning.checkout.steps.signals import TECHNICIAN
+from lift_manager.commissioning.checkout.steps.step import Step, at, shown
+from register_maps.vocabulary import Kind
+from register_maps.words import Door, Side
+
+NOTICED_WITHIN_S = 15.0
+"""How long the manager may take to notice a lost controller. Chosen: the longest `max_age_s` and some polls."""
+BACK_WITHIN_S = 180.0
+"""How long a controller may take to start. Chosen: a slow PLC with a self-test."""
+BOOT_WATCHED_S = 15.0
+"""How long a controller that answers again is watched for values that are not true. Chosen."""
+RELEASED_WITHIN_S = 10.0
+"""How long everything may take to be released. Chosen: a manager does it in its next poll."""
+QUIET_FIRST_S = 5.0
+"""Before the comparison begins: a controller may notice the end of the heartbeat of the manager."""
+WATCHDOG_WITHIN_S = 60.0
+"""How long a watchdog may take. Chosen: a door held longer by nobody is a lift out of service."""
+LANDING_S = 10.0
+"""How long a landing call has to take the car away. Chosen."""
+
+
+async def check_cable(step: Step, lift: WatchedLift) -> None:
+    """The network cable is pulled while the manager holds the lift, and plugged in again."""
+    async with lift.watched() as watch:
+        async with session(lift) as held:
+            if not await _hold_here(step, lift, watch, held):
+                return
+            await step.done("Pull the network cable of the controller.", Prompt.CABLE, value="out")
+            await _lost(step, watch)
+            if not await step.yes(
+                "Is the lift back with its passengers: the door closes, and its buttons work?", Prompt.SERVES
+            ):
+                step.problem(
+                    "without the network the lift does not serve its passengers: its controller needs a watchdog that lets go of our outputs"
+                )
+            await step.done("Plug the network cable in again.", Prompt.CABLE, value="in")
+            await _back(step, watch)
+
+
+async def check_power(step: Step, lift: WatchedLift) -> None:
+    """The controller is switched off and on while the manager holds the lift."""
+    async with lift.watched() as watch:
+        async with session(lift) as held:
+            if not await _hold_here(step, lift, watch, held):
+                return
+            await step.done(f"Switch the controller off. {TECHNICIAN}", Prompt.POWER, value="off")
+            await _lost(step, watch)
+            await step.done("Switch the controller on again.", Prompt.POWER, value="on")
+            if not await _back(step, watch):
+                return
+            back = watch.newest
+            await asyncio.sleep(BOOT_WATCHED_S)
+            invited = [s for s in watch.samples if s.at >= back.at and s.is_live and s.lift.robot_door == "open"]
+            sides = [side for side in Side if f"door.{side}" in step.codec.signals]
+            for side in sides:
+                is_open = await step.yes(f"Is the {side} door open?", Prompt.DOOR, subject=side)
+                if invited and not is_open:
+                    step.problem(
+                        f"after its start the controller showed an open {side} door that is not open: zeros on the wire read as a healthy lift"
+                    )
+
+
+async def check_fire(step: Step, lift: WatchedLift, by: str) -> None:
+    """Fire while the manager holds the lift: everything is released, and stays released until a person acknowledges it."""
+    fires = [name for name in ("fire", "fireman", "mode") if name in step.codec.signals]
+    async with lift.watched() as watch:
+        async with session(lift) as held:
+            if not await _hold_here(step, lift, watch, held):
+                return
+            began = watch.newest
+            await step.done(
+                f"Give the fire signal at the fire panel, or at the input. {TECHNICIAN}", Prompt.FIRE, value="on"
+            )
+            where = ", ".join(at(step, name) for name in fires) or "no signal of this map"
+            if not await watch.until(_on_fire, RELEASED_WITHIN_S):
+                changed = watch.changed(began)
+                instead = f"; {', '.join(at(step, name) for name in changed)} changed" if changed else ""
+                step.problem(
+                    f"the fire is not seen at {where}: the contact is not wired, or its wire goes to another input{instead}"
+                )
+            elif not await _released(watch):
+                step.problem(f"outputs are still on in a fire: {', '.join(watch.writes[-1].pressed)}")
+            if not await step.yes("Does the lift do its own fire recall, with no robot?", Prompt.SHOWN, subject="fire"):
+                step.problem("the lift does not do its fire recall while the manager is connected")
+        await step.done("Take the fire signal back, and reset the fire panel and the lift.", Prompt.FIRE, value="off")
+        if not await watch.until(lambda sample: sample.is_live and not _on_fire(sample, latched=False), BACK_WITHIN_S):
+            step.problem(f"the fire is still shown at {where} after it was taken back")
+        if watch.newest.lift.restrictions.fire_latched:
+            step.saw("robots are kept off until somebody acknowledges")
+            if await step.yes("The lift is checked: acknowledge the fire now?", Prompt.SHOWN, subject="acknowledge"):
+                await lift.client.acknowledge(lift.name, by)
+
+
+async def check_robot_mode(step: Step, lift: WatchedLift) -> None:
+    """In robot mode the car stays; once robot mode is withdrawn everything is released."""
+    async with lift.watched() as watch, session(lift) as held:
+        if not await _hold_here(step, lift, watch, held):
+            return
+        floor = other_floor(step, watch.newest)
+        await step.done(f"Press the landing button of {floor}.", Prompt.LANDING, value=floor)
+        await asyncio.sleep(LANDING_S)
+        if not await step.yes("Is the car still here, with its door open for the robot?", Prompt.STAYED):
+            step.problem(
+                f"the car left although {at(step, 'robot_mode')} is on and the door is held: the lift ignores it"
+                if step.item.subject
+                else "the car left although the door is held"
+            )
+        if not step.item.subject:
+            return
+        await step.done(
+            f"Take robot mode away, with its key or at the panel. {TECHNICIAN}", Prompt.WITHDRAW, value="on"
+        )
+        shows = [name for name in ("robot_mode_on", "robots_allowed", "mode") if name in step.codec.signals]
+        gone = await watch.until(_without_robot_mode, RELEASED_WITHIN_S)
+        if shows and not gone:
+            step.problem(
+                f"robot mode was taken away, and {', '.join(at(step, name) for name in shows)} does not show it"
+            )
+        elif gone and not await _released(watch, keeps="robot_mode"):
+            step.problem(f"outputs are still on without robot mode: {', '.join(watch.writes[-1].pressed)}")
+        await step.done("Give robot mode back.", Prompt.WITHDRAW, value="off")
+
+
+async def check_quiet(step: Step, registers: Registers) -> None:
+    """Watch all registers while no manager runs: nothing may write outputs, and no signal may change by itself."""
+    step.person.tell(
+        f"watching all inputs and outputs for {WATCHED_S:g} s while nothing is written; nobody touches the lift"
+    )
+    await asyncio.sleep(QUIET_FIRST_S)
+    first = await registers.look()
+    loop = asyncio.get_running_loop()
+    ends_at = loop.time() + WATCHED_S
+    changed: dict[str, list[str]] = {}
+    for name, code in first.outputs.items():
+        if code is not None and not step.codec.commands[name].spec.is_heartbeat:
+            changed.setdefault(name, []).append(_code(code))
+    looks = 1
+    while loop.time() < ends_at:
+        await asyncio.sleep(0.2)
+        now = await registers.look()
+        looks += 1
+        for name, text in _differences(step, first, now):
+            if text not in changed.setdefault(name, []):
+                changed[name].append(text)
+    step.figures["looks"] = looks
+    outputs = {name: seen for name, seen in changed.items() if name in step.codec.commands}
+    signals = {name: seen for name, seen in changed.items() if name in step.codec.signals}
+    for name, seen in outputs.items():
+        step.problem(
+            f"{at(step, name)} reads {', '.join(seen)} although nothing was written: another master writes it; find it, and keep it off this"
+            " controller"
+        )
+    for name, seen in signals.items():
+        step.problem(
+            f"{at(step, name)} changed to {', '.join(seen)} although nobody touched the lift: the input floats or drifts, or somebody else"
+            " writes it"
+        )
+
+
+async def check_watchdog(step: Step, access: Access, floor: str) -> None:
+    """A second manager that holds the door is killed; the controller has to let go by itself."""
+    held = [name for name in step.item.subject.split() if name.startswith("hold_door")]
+    if not held:
+        step.saw("no door is held on this lift")
+        return
+    await step.may_move(
+        f"A second manager opens the door at {floor}, holds it, and is then killed. Is everybody clear?"
+    )
+    sides = [Side(name.partition(".")[2]) for name in held]
+    loop = asyncio.get_running_loop()
+    async with access.holder(floor) as holder:
+        is_held = await step.yes(
+            f"Is the {' and '.join(sides)} door open, and held?", Prompt.HOLDS, subject=" ".join(sides)
+        )
+        if not is_held:
+            step.problem(
+                f"the second manager holds the door by {', '.join(at(step, name) for name in held)}, and it is not open"
+            )
+        await holder.kill()
+        killed_at = loop.time()
+    if not is_held:
+        return
+    async with access.registers() as registers:
+        await _lets_go(step, registers, sides, killed_at)
+    losses = {step.codec.commands[name].spec.on_link_loss for name in held}
+    if "let_go_s" in step.figures:
+        step.saw(f"the door was let go {step.figures['let_go_s']:g} s after the manager was killed")
+    elif losses == {"latches"}:
+        step.notes.append(
+            "the door stays open, as the map says of this lift: the lift technician releases it at the panel"
+        )
+        step.person.tell("the door stays held, as the map says: the manager that starts now releases it")
+    else:
+        step.problem(
+            f"{', '.join(at(step, name) for name in held)}: the door is still held {WATCHDOG_WITHIN_S:g} s after the manager was killed: the"
+            " controller has no watchdog on it, or its watchdog is off; the lift company sets it, or the map must say `latches`"
+        )
+
+
+async def _lets_go(step: Step, registers: Registers, sides: list[Side], killed_at: float) -> None:
+    """Note when doors begin to close; without a signal for them, a person says it."""
+    loop = asyncio.get_running_loop()
+    shown_by = [f"door.{side}" for side in sides if f"door.{side}" in step.codec.signals]
+    if not shown_by:
+        if await step.yes(
+            "Wait until the door closes by itself, at most a minute. Did it close?", Prompt.CLOSED, subject=sides[0]
+        ):
+            step.figures["let_go_s"] = round(loop.time() - killed_at, 1)
+        return
+    while loop.time() < killed_at + WATCHDOG_WITHIN_S:
+        now = await registers.look()
+        if all(now.signals[name] is not Door.OPEN for name in shown_by):
+            step.figures["let_go_s"] = round(loop.time() - killed_at, 1)
+            return
+        await asyncio.sleep(0.1)
+
+
+async def _hold_here(step: Step, lift: WatchedLift, watch: Watch, held: ActiveSession) -> bool:
+    floor = watch.newest.lift.floor or step.floors[0]
+    await step.may_move(f"The manager opens the door at {floor} and holds it. Is everybody clear?")
+    return await call(step, lift, watch, held, floor, hold=True)
+
+
+async def _lost(step: Step, watch: Watch) -> None:
+    if not await watch.until(lambda sample: not sample.is_live, NOTICED_WITHIN_S):
+        step.problem(
+            f"the manager still reads this lift {NOTICED_WITHIN_S:g} s later: that was another cable or controller, or a gateway answers for it"
+        )
+        return
+    step.saw(f"noticed: {watch.newest.lift.reason}")
+
+
+async def _back(step: Step, watch: Watch) -> bool:
+    """Wait for the controller, and see that no call is pressed by itself; return whether it is back."""
+    lost_at, loop = watch.newest.at, asyncio.get_running_loop()
+    began = loop.time()
+    if not await watch.until(lambda sample: sample.is_live, BACK_WITHIN_S):
+        step.problem(
+            f"the controller does not answer again within {BACK_WITHIN_S:g} s: is a connection slot still taken?"
+        )
+        return False
+    step.figures["back_s"] = round(loop.time() - began, 1)
+    await asyncio.sleep(RELEASED_WITHIN_S)
+    calls = {one for one in watch.pressed(lost_at) if step.codec.commands[one.partition(" ")[0]].is_call}
+    if calls:
+        step.problem(f"a call was pressed again without a request: {', '.join(sorted(calls))}")
+    return True
+
+
+async def _released(watch: Watch, keeps: str = "") -> bool:
+    """Wait until the last write leaves nothing on."""
+
+    def is_released(_: Sample) -> bool:
+        return not watch.writes or all(name == keeps for name in watch.writes[-1].pressed)
+
+    return await watch.until(is_released, RELEASED_WITHIN_S)
+
+
+def _on_fire(sample: Sample, *, latched: bool = True) -> bool:
+    return (
+        sample.value("fire") is True
+        or sample.value("fireman") is True
+        or sample.lift.mode == "fire"
+        or (latched and sample.lift.restrictions.fire_latched)
+    )
+
+
+def _without_robot_mode(sample: Sample) -> bool:
+    return sample.is_live and (
+        sample.value("robot_mode_on") is False
+        or sample.value("robots_allowed") is False
+        or ("mode" in sample.signals and sample.value("mode") != "robot")
+    )
+
+
+def _differences(step: Step, first: Registered, now: Registered) -> list[tuple[str, str]]:
+    steady = {Kind.FLAG, Kind.FLOOR, Kind.FLOORS, Kind.DOOR, Kind.MODE, Kind.MOTION}
+    found = [
+        (name, _code(code))
+        for name, code in now.outputs.items()
+        if code != first.outputs[name] and not step.codec.commands[name].spec.is_heartbeat
+    ]
+    found += [
+        (name, shown(value))
+        for name, value in now.signals.items()
+        if value != first.signals[name] and step.codec.signals[name].kind in steady and name != "watchdog_tripped"
+    ]
+    return found
+
+
+def _code(code: int | None) -> str:
+    return "off" if code is None else f"on ({code})"

@@ -1,0 +1,99 @@
+"""One item while it is done: its questions, what was seen, and how it ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lift_manager.commissioning.checkout.lift import Sample
+from lift_manager.commissioning.checkout.person import NO, YES, YES_NO, Person, Prompt, Question
+from lift_manager.commissioning.checkout.record import Item, Outcome, Trip
+from register_maps.codec import Codec
+
+
+class Settled(Exception):
+    """A person ended the item: it failed, does not apply, is proved by document, or is skipped."""
+
+    def __init__(self, outcome: Outcome, note: str) -> None:
+        super().__init__(f"{outcome}: {note}")
+        self.outcome = outcome
+        self.note = note
+
+
+@dataclass
+class Step:
+    """One item under test."""
+
+    item: Item
+    person: Person
+    codec: Codec
+    floors: tuple[str, ...]
+    problems: list[str] = field(default_factory=list)
+    """What was wrong, a sentence each; without any the item has passed."""
+    notes: list[str] = field(default_factory=list)
+    photos: list[str] = field(default_factory=list)
+    evidence: list[str] = field(default_factory=list)
+    figures: dict[str, float] = field(default_factory=dict)
+    trips: list[Trip] = field(default_factory=list)
+    confirmed_by: str = ""
+
+    def problem(self, text: str) -> None:
+        """Note what is wrong, for the record and for the person."""
+        self.problems.append(text)
+        self.person.tell(text)
+
+    def saw(self, text: str) -> None:
+        """Note evidence."""
+        self.evidence.append(text)
+
+    async def ask(self, text: str, topic: Prompt, *choices: str, subject: str = "", value: str = "") -> str:
+        """Return one of the choices. Raises Settled."""
+        reply = await self.person.ask(Question(text, topic, subject, value, choices))
+        self.photos += reply.photos
+        self.confirmed_by = reply.confirmed_by or self.confirmed_by
+        if reply.outcome is not None:
+            raise Settled(reply.outcome, reply.note)
+        if reply.note:
+            self.notes.append(reply.note)
+        self.saw(f"{text} - {reply.word or 'done'}")
+        return reply.word
+
+    async def done(self, text: str, topic: Prompt, *, subject: str = "", value: str = "") -> None:
+        """Wait until something is done. Raises Settled."""
+        await self.ask(text, topic, subject=subject, value=value)
+
+    async def yes(self, text: str, topic: Prompt, *, subject: str = "", value: str = "") -> bool:
+        """Return whether it is so. Raises Settled."""
+        return await self.ask(text, topic, *YES_NO, subject=subject, value=value) == YES
+
+    async def may_move(self, text: str) -> None:
+        """Wait for a yes before something moves. Raises Settled if it may not."""
+        if await self.ask(text, Prompt.MAY_MOVE, *YES_NO, subject=self.item.subject) == NO:
+            raise Settled(Outcome.SKIPPED, "the person did not agree to the move")
+
+    async def where(self) -> str:
+        """Return the floor at which the car really is."""
+        return await self.ask("At which floor is the car now? Look at the car itself.", Prompt.WHERE, *self.floors)
+
+
+def at(step: Step, name: str) -> str:
+    """Return the addresses of a signal or command, as printed and on the wire, for a message."""
+    printed: tuple[str, ...] = ()
+    if name in step.codec.signals:
+        printed = step.codec.map.signals[name].addresses
+    elif name in step.codec.commands:
+        printed = step.codec.map.commands[name].addresses
+    shown = ", ".join(printed[:4]) + (" ..." if len(printed) > 4 else "")
+    return f"{name} ({shown})" if shown else name
+
+
+def shown(value: object) -> str:
+    """Return a value as people read it."""
+    if isinstance(value, bool):
+        return YES if value else NO
+    return "nothing" if value is None else str(value)
+
+
+def raw_text(sample: Sample, name: str) -> str:
+    """Return what a signal shows, with its raw value: `yes (raw 0)`."""
+    signal = sample.signals.get(name)
+    return "nothing" if signal is None else f"{shown(signal.value)} (raw {signal.raw})"

@@ -1,0 +1,79 @@
+"""The procedure of whole trips, with figures for travel and doors."""
+
+from __future__ import annotations
+
+import asyncio
+
+from lift_manager.client.errors import ClientError
+from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
+from lift_manager.commissioning.checkout.record import Trip, now
+from lift_manager.commissioning.checkout.steps.press import door_times, ride, travel_s
+from lift_manager.commissioning.checkout.steps.step import Step
+from register_maps.words import Side
+
+
+async def check_trips(step: Step, lift: WatchedLift) -> None:
+    """Carry out the item of the trips: over all floors, up and down."""
+    count = int(step.item.subject)
+    await step.may_move(
+        f"The manager takes the empty car through {count} trips, one after the other. Is everybody clear?"
+    )
+    floors = step.floors
+    stops = [*floors, *reversed(floors[:-1])][:-1]
+    async with lift.watched() as watch:
+        for number in range(1, count + 1):
+            start, destination = stops[(number - 1) % len(stops)], stops[number % len(stops)]
+            trip = await _trip(step, lift, watch, number, start, destination)
+            step.trips.append(trip)
+            step.person.tell(f"trip {number} of {count}, {start} to {destination}: {_text(trip)}")
+            if not trip.is_complete:
+                step.problem(f"trip {number}, {start} to {destination}, was not completed: {trip.text}")
+                return
+    totals = [trip.figures["total_s"] for trip in step.trips]
+    step.figures |= {"trips": float(count), "longest_s": max(totals), "mean_s": round(sum(totals) / len(totals), 2)}
+
+
+async def _trip(step: Step, lift: WatchedLift, watch: Watch, number: int, start: str, destination: str) -> Trip:
+    loop, began, began_at = asyncio.get_running_loop(), watch.newest, now()
+    try:
+        completed, why = await ride(lift, start, destination)
+    except (ClientError, TimeoutError) as error:
+        completed, why = False, str(error) or "it took too long"
+    figures = {"total_s": round(loop.time() - began.at, 2)}
+    opened = _opened_at(watch, began, start)
+    if opened is not None:
+        figures["called_s"] = round(opened.at - began.at, 2)
+        travelled = travel_s(watch, opened, destination)
+        if travelled is not None:
+            figures["travel_s"] = travelled
+    for side in Side:
+        for name, value in door_times(watch, began, side).items():
+            figures.setdefault(name, value)
+    return Trip(
+        number=number,
+        item=step.item.id,
+        from_=start,
+        to=destination,
+        at=began_at,
+        is_complete=completed,
+        text="" if completed else why,
+        figures=figures,
+    )
+
+
+def _opened_at(watch: Watch, began: Sample, floor: str) -> Sample | None:
+    return next(
+        (
+            sample
+            for sample in watch.samples
+            if sample.at >= began.at and sample.lift.floor == floor and sample.lift.robot_door == "open"
+        ),
+        None,
+    )
+
+
+def _text(trip: Trip) -> str:
+    figures = ", ".join(
+        f"{name.removesuffix('_s').replace('_', ' ')} {value:g} s" for name, value in trip.figures.items()
+    )
+    return figures if trip.is_complete else f"not completed, {trip.text}"
