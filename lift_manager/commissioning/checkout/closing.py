@@ -10,6 +10,7 @@ from lift_manager.commissioning.checkout.record import (
     HandBack,
     Precondition,
     Record,
+    Role,
     Severity,
     Signature,
     Stage,
@@ -37,7 +38,7 @@ class Closing:
                     choices=tuple(severity.value for severity in Severity),
                 )
                 severity = Severity(reply.word) if reply.word else Severity.A
-                accepted = {"severity": severity}
+                accepted: dict[str, object] = {"severity": severity}
                 if severity is Severity.B:
                     accepted["condition"] = await self._text(
                         "Under which condition may robots use the lift?", "condition"
@@ -123,10 +124,10 @@ class Closing:
         return await self._person.ask(Question(text, Prompt.CLOSING, subject, "", choices, is_text))
 
 
-def _signers(record: Record) -> list[tuple[str, str]]:
+def _signers(record: Record) -> list[tuple[Role, str]]:
     """Return who has not signed the record as it is now, by role."""
     hashed = record.sha256
     signed = {one.role for one in record.signatures if one.record_sha256 == hashed}
     people = record.people
-    found = [("run by", people.run_by), ("lift technician", people.technician), ("witness", people.witness)]
+    found = [(Role.RUN_BY, people.run_by), (Role.TECHNICIAN, people.technician), (Role.WITNESS, people.witness)]
     return [(role, person.name) for role, person in found if person is not None and role not in signed]

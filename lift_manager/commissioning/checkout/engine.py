@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 
 from drivers.errors import ConnectFailed
@@ -42,6 +42,16 @@ from register_maps.codec import Codec
 WITHOUT_MANAGER = frozenset({ItemKind.QUIET, ItemKind.WATCHDOG, ItemKind.QUESTION})
 """Items for which no manager of this program may run, or none is needed."""
 Save = Callable[[Record], None]
+_PROCEDURES: Mapping[ItemKind, Callable[[Step, WatchedLift], Awaitable[None]]] = {
+    ItemKind.SIGNAL: check_signal,
+    ItemKind.COMMAND: check_command,
+    ItemKind.FLOOR: check_floor,
+    ItemKind.CABLE: check_cable,
+    ItemKind.POWER: check_power,
+    ItemKind.FIRE: check_fire,
+    ItemKind.ROBOT_MODE: check_robot_mode,
+    ItemKind.TRIPS: check_trips,
+}
 
 PRECONDITIONS: tuple[tuple[Topic, str, bool], ...] = (
     (Topic.IO_LIST, "Which revision of the I/O list is approved?", True),
@@ -147,7 +157,7 @@ class Checkout:
         remaining.remove(item)
 
     async def _once(self, item: Item, lift: WatchedLift | None) -> Result:
-        step = Step(item, self._person, self._codec, tuple(self.record.floors))
+        step = Step(item, self._person, self._codec, tuple(self.record.floors), self._by)
         began_at = now()
         try:
             await self._procedure(step, lift)
@@ -201,23 +211,7 @@ class Checkout:
                     ):
                         step.problem(f"not as expected: {step.item.expected}")
             return
-        match kind:
-            case ItemKind.SIGNAL:
-                await check_signal(step, lift)
-            case ItemKind.COMMAND:
-                await check_command(step, lift)
-            case ItemKind.FLOOR:
-                await check_floor(step, lift)
-            case ItemKind.CABLE:
-                await check_cable(step, lift)
-            case ItemKind.POWER:
-                await check_power(step, lift)
-            case ItemKind.FIRE:
-                await check_fire(step, lift, self._by)
-            case ItemKind.ROBOT_MODE:
-                await check_robot_mode(step, lift)
-            case _:
-                await check_trips(step, lift)
+        await _PROCEDURES[kind](step, lift)
 
     def _announce(self, item: Item, remaining: Sequence[Item]) -> None:
         left_min = sum(one.estimate_s for one in remaining) / 60

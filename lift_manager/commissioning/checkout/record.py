@@ -311,10 +311,20 @@ class HandBack(_Part):
     note: str = ""
 
 
+@unique
+class Role(StrEnum):
+    """As what somebody signs."""
+
+    RUN_BY = "run by"
+    TECHNICIAN = "lift technician"
+    WITNESS = "witness"
+    OWNER = "owner"
+
+
 class Signature(_Part):
     """A name under the record."""
 
-    role: Literal["run by", "lift technician", "witness", "owner"]
+    role: Role
     name: str
     at: AwareDatetime
     statement: str = ""
@@ -518,7 +528,7 @@ def _outcome(newest: Mapping[str, Result], item: str) -> Outcome | None:
 
 
 def _is_signed(record: Record) -> bool:
-    needed = {"run by"} | ({"lift technician"} if record.people.technician is not None else set())
+    needed = {Role.RUN_BY} | ({Role.TECHNICIAN} if record.people.technician is not None else set())
     hashed = record.sha256
     return needed <= {one.role for one in record.signatures if one.record_sha256 == hashed}
 

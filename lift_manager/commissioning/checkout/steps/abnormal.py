@@ -34,46 +34,44 @@ LANDING_S = 10.0
 
 async def check_cable(step: Step, lift: WatchedLift) -> None:
     """The network cable is pulled while the manager holds the lift, and plugged in again."""
-    async with lift.watched() as watch:
-        async with session(lift) as held:
-            if not await _hold_here(step, lift, watch, held):
-                return
-            await step.done("Pull the network cable of the controller.", Prompt.CABLE, value="out")
-            await _lost(step, watch)
-            if not await step.yes(
-                "Is the lift back with its passengers: the door closes, and its buttons work?", Prompt.SERVES
-            ):
-                step.problem(
-                    "without the network the lift does not serve its passengers: its controller needs a watchdog that lets go of our outputs"
-                )
-            await step.done("Plug the network cable in again.", Prompt.CABLE, value="in")
-            await _back(step, watch)
+    async with lift.watched() as watch, session(lift) as held:
+        if not await _hold_here(step, lift, watch, held):
+            return
+        await step.done("Pull the network cable of the controller.", Prompt.CABLE, value="out")
+        await _lost(step, watch)
+        if not await step.yes(
+            "Is the lift back with its passengers: the door closes, and its buttons work?", Prompt.SERVES
+        ):
+            step.problem(
+                "without the network the lift does not serve its passengers: its controller needs a watchdog that lets go of our outputs"
+            )
+        await step.done("Plug the network cable in again.", Prompt.CABLE, value="in")
+        await _back(step, watch)
 
 
 async def check_power(step: Step, lift: WatchedLift) -> None:
     """The controller is switched off and on while the manager holds the lift."""
-    async with lift.watched() as watch:
-        async with session(lift) as held:
-            if not await _hold_here(step, lift, watch, held):
-                return
-            await step.done(f"Switch the controller off. {TECHNICIAN}", Prompt.POWER, value="off")
-            await _lost(step, watch)
-            await step.done("Switch the controller on again.", Prompt.POWER, value="on")
-            if not await _back(step, watch):
-                return
-            back = watch.newest
-            await asyncio.sleep(BOOT_WATCHED_S)
-            invited = [s for s in watch.samples if s.at >= back.at and s.is_live and s.lift.robot_door == "open"]
-            sides = [side for side in Side if f"door.{side}" in step.codec.signals]
-            for side in sides:
-                is_open = await step.yes(f"Is the {side} door open?", Prompt.DOOR, subject=side)
-                if invited and not is_open:
-                    step.problem(
-                        f"after its start the controller showed an open {side} door that is not open: zeros on the wire read as a healthy lift"
-                    )
+    async with lift.watched() as watch, session(lift) as held:
+        if not await _hold_here(step, lift, watch, held):
+            return
+        await step.done(f"Switch the controller off. {TECHNICIAN}", Prompt.POWER, value="off")
+        await _lost(step, watch)
+        await step.done("Switch the controller on again.", Prompt.POWER, value="on")
+        if not await _back(step, watch):
+            return
+        back = watch.newest
+        await asyncio.sleep(BOOT_WATCHED_S)
+        invited = [s for s in watch.samples if s.at >= back.at and s.is_live and s.lift.robot_door == "open"]
+        sides = [side for side in Side if f"door.{side}" in step.codec.signals]
+        for side in sides:
+            is_open = await step.yes(f"Is the {side} door open?", Prompt.DOOR, subject=side)
+            if invited and not is_open:
+                step.problem(
+                    f"after its start the controller showed an open {side} door that is not open: zeros on the wire read as a healthy lift"
+                )
 
 
-async def check_fire(step: Step, lift: WatchedLift, by: str) -> None:
+async def check_fire(step: Step, lift: WatchedLift) -> None:
     """Fire while the manager holds the lift: everything is released, and stays released until a person acknowledges it."""
     fires = [name for name in ("fire", "fireman", "mode") if name in step.codec.signals]
     async with lift.watched() as watch:
@@ -101,7 +99,7 @@ async def check_fire(step: Step, lift: WatchedLift, by: str) -> None:
         if watch.newest.lift.restrictions.fire_latched:
             step.saw("robots are kept off until somebody acknowledges")
             if await step.yes("The lift is checked: acknowledge the fire now?", Prompt.SHOWN, subject="acknowledge"):
-                await lift.client.acknowledge(lift.name, by)
+                await lift.client.acknowledge(lift.name, step.by)
 
 
 async def check_robot_mode(step: Step, lift: WatchedLift) -> None:

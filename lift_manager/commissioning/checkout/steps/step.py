@@ -27,6 +27,8 @@ class Step:
     person: Person
     codec: Codec
     floors: tuple[str, ...]
+    by: str
+    """Who runs the test."""
     problems: list[str] = field(default_factory=list)
     """What was wrong, a sentence each; without any the item has passed."""
     notes: list[str] = field(default_factory=list)

@@ -19,6 +19,7 @@ from lift_manager.commissioning.checkout.record import (
     Record,
     RecordUnusable,
     Result,
+    Role,
     Severity,
     Signature,
     Stage,
@@ -162,7 +163,7 @@ def test_a_signature_is_for_the_record_as_it_was_signed() -> None:
         update={
             "signatures": tuple(
                 Signature(role=role, name="x", at=AT, record_sha256=unsigned.sha256)
-                for role in ("run by", "lift technician")
+                for role in (Role.RUN_BY, Role.TECHNICIAN)
             )
         }
     )
