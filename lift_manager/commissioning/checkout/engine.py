@@ -147,7 +147,9 @@ class Checkout:
                 if topic in BEFORE_ABNORMAL:
                     await self._ask_precondition(topic, text, is_text=is_text, item=item.id)
         while True:
+            await self._acknowledge(lift)
             result = await self._once(item, lift)
+            await self._acknowledge(lift)
             self._person.tell(f"{item.id}: {result.outcome}{f', {result.note}' if result.note else ''}")
             if result.outcome is not Outcome.FAILED:
                 break
@@ -155,6 +157,20 @@ class Checkout:
             if (await self._person.ask(question)).word != YES:
                 break
         remaining.remove(item)
+
+    async def _acknowledge(self, lift: WatchedLift | None) -> None:
+        """Let the person acknowledge what keeps robots off since a test: a fire, or a robot that may be in the car."""
+        if lift is None:
+            return
+        try:
+            restrictions = (await lift.look()).lift.restrictions
+            if not restrictions.fire_latched and restrictions.maybe_occupied_by is None:
+                return
+            text = "Robots are kept off since that test. Is the fire over, the lift checked, and its car empty? Then acknowledge it"
+            if (await self._person.ask(Question(text, Prompt.ACKNOWLEDGE, choices=YES_NO))).word == YES:
+                await lift.client.acknowledge(lift.name, self._by)
+        except ClientError as error:
+            self._person.tell(str(error))
 
     async def _once(self, item: Item, lift: WatchedLift | None) -> Result:
         step = Step(item, self._person, self._codec, tuple(self.record.floors), self._by)

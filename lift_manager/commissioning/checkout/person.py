@@ -31,6 +31,7 @@ class Prompt(StrEnum):
     WITHDRAW = "take robot mode away, or give it back"
     SERVES = "does the lift serve its passengers?"
     ROBOT = "a question about the real robot"
+    ACKNOWLEDGE = "is the lift checked after a test?"
     AGAIN = "do it once more?"
     PRECONDITION = "is a condition met?"
     CLOSING = "what is settled at the end"

@@ -246,7 +246,7 @@ class _Plan:
             ItemKind.ROBOT_MODE,
             "robot mode and its withdrawal",
             "With robot mode on, press a landing button; then take robot mode away with its key or at the panel.",
-            "In robot mode the car stays with the robot; once it is withdrawn the manager releases everything.",
+            "In robot mode the car serves nobody else; once it is withdrawn that shows, and the manager presses no call.",
             self._digest_of(["robot_mode_on", "robots_allowed", "mode"], ["robot_mode"]),
             subject="robot_mode" if "robot_mode" in codec.commands else "",
         )

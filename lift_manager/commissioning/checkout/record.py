@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum, unique
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -324,7 +324,7 @@ class Role(StrEnum):
 class Signature(_Part):
     """A name under the record."""
 
-    role: Role
+    role: Annotated[Role, Field(strict=False)]
     name: str
     at: AwareDatetime
     statement: str = ""

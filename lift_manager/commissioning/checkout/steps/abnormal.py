@@ -28,7 +28,7 @@ QUIET_FIRST_S = 5.0
 """Before the comparison begins: a controller may notice the end of the heartbeat of the manager."""
 WATCHDOG_WITHIN_S = 60.0
 """How long a watchdog may take. Chosen: a door held longer by nobody is a lift out of service."""
-LANDING_S = 10.0
+LANDING_S = 20.0
 """How long a landing call has to take the car away. Chosen."""
 
 
@@ -96,25 +96,27 @@ async def check_fire(step: Step, lift: WatchedLift) -> None:
         await step.done("Take the fire signal back, and reset the fire panel and the lift.", Prompt.FIRE, value="off")
         if not await watch.until(lambda sample: sample.is_live and not _on_fire(sample, latched=False), BACK_WITHIN_S):
             step.problem(f"the fire is still shown at {where} after it was taken back")
-        if watch.newest.lift.restrictions.fire_latched:
-            step.saw("robots are kept off until somebody acknowledges")
-            if await step.yes("The lift is checked: acknowledge the fire now?", Prompt.SHOWN, subject="acknowledge"):
-                await lift.client.acknowledge(lift.name, step.by)
+        if not watch.newest.lift.restrictions.fire_latched and not step.problems:
+            step.problem("the manager does not keep robots off after the fire")
 
 
 async def check_robot_mode(step: Step, lift: WatchedLift) -> None:
-    """In robot mode the car stays; once robot mode is withdrawn everything is released."""
+    """In robot mode the car serves nobody else; once it is withdrawn that shows, and no call is pressed."""
     async with lift.watched() as watch, session(lift) as held:
-        if not await _hold_here(step, lift, watch, held):
+        here = other_floor(step, watch.newest)
+        await step.may_move(f"The manager calls the empty car to {here} for a robot. Is everybody clear?")
+        if not await call(step, lift, watch, held, here, hold=False):
             return
         floor = other_floor(step, watch.newest)
-        await step.done(f"Press the landing button of {floor}.", Prompt.LANDING, value=floor)
+        await step.done(
+            f"Wait until the door is closed, and press the landing button of {floor}.", Prompt.LANDING, value=floor
+        )
         await asyncio.sleep(LANDING_S)
-        if not await step.yes("Is the car still here, with its door open for the robot?", Prompt.STAYED):
+        if not await step.yes(f"Is the car still at {here}?", Prompt.STAYED):
             step.problem(
-                f"the car left although {at(step, 'robot_mode')} is on and the door is held: the lift ignores it"
+                f"the car left for a landing call although {at(step, 'robot_mode')} is on: the lift ignores it"
                 if step.item.subject
-                else "the car left although the door is held"
+                else "the car left for a landing call: this lift has no robot mode, and passengers can take it from a robot"
             )
         if not step.item.subject:
             return
@@ -122,14 +124,24 @@ async def check_robot_mode(step: Step, lift: WatchedLift) -> None:
             f"Take robot mode away, with its key or at the panel. {TECHNICIAN}", Prompt.WITHDRAW, value="on"
         )
         shows = [name for name in ("robot_mode_on", "robots_allowed", "mode") if name in step.codec.signals]
-        gone = await watch.until(_without_robot_mode, RELEASED_WITHIN_S)
-        if shows and not gone:
+        if shows and not await watch.until(_without_robot_mode, RELEASED_WITHIN_S):
             step.problem(
                 f"robot mode was taken away, and {', '.join(at(step, name) for name in shows)} does not show it"
             )
-        elif gone and not await _released(watch, keeps="robot_mode"):
-            step.problem(f"outputs are still on without robot mode: {', '.join(watch.writes[-1].pressed)}")
+        elif shows:
+            await _refuses_to_call(step, watch, held, floor)
         await step.done("Give robot mode back.", Prompt.WITHDRAW, value="off")
+
+
+async def _refuses_to_call(step: Step, watch: Watch, held: ActiveSession, floor: str) -> None:
+    """See that a request for a floor presses no call that needs robot mode."""
+    began = watch.newest.at
+    command = await held.go_to(floor, hold_door=False, wait=RELEASED_WITHIN_S)
+    step.saw(f"without robot mode a request for {floor} is {command.status}: {command.reason}")
+    needs = {name for name, one in step.codec.commands.items() if "robot_mode_on" in one.spec.requires}
+    pressed = {one for one in watch.pressed(began) if one.partition(" ")[0] in needs}
+    if pressed:
+        step.problem(f"pressed without robot mode: {', '.join(sorted(pressed))}")
 
 
 async def check_quiet(step: Step, registers: Registers) -> None:
@@ -258,13 +270,9 @@ async def _back(step: Step, watch: Watch) -> bool:
     return True
 
 
-async def _released(watch: Watch, keeps: str = "") -> bool:
+async def _released(watch: Watch) -> bool:
     """Wait until the last write leaves nothing on."""
-
-    def is_released(_: Sample) -> bool:
-        return not watch.writes or all(name == keeps for name in watch.writes[-1].pressed)
-
-    return await watch.until(is_released, RELEASED_WITHIN_S)
+    return await watch.until(lambda _: not watch.writes or not watch.writes[-1].pressed, RELEASED_WITHIN_S)
 
 
 def _on_fire(sample: Sample, *, latched: bool = True) -> bool:

@@ -146,6 +146,7 @@ async def _close(step: Step, lift: WatchedLift, watch: Watch, side: Side) -> Non
     async with session(lift) as held:
         if not await call(step, lift, watch, held, floor, hold=True):
             return
+        await held.robot_left()  # the person has just said that the doorway is clear
         command = await held.close_door(side, wait=DOOR_WITHIN_S)
         step.saw(f"{name}: {command.status} {command.reason}".strip())
         if not await step.yes(f"Did the {side} door close at once?", Prompt.CLOSED, subject=side):

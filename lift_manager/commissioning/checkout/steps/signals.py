@@ -20,6 +20,8 @@ ON_ITS_OWN = frozenset({"alive", "car_position", "load", "mode"})
 """Signals that may change beside any other."""
 BY_THE_MANAGER = frozenset({"robot_mode_on", "may_enter", "may_leave", "call_accepted"})
 """Signals that answer commands: they are seen during a trip."""
+BY_TRAVEL = frozenset({"level", "door_zone"})
+"""Flags that change as the car leaves a floor and comes to the next one."""
 BY_BUTTONS = frozenset({"destination", "calls_registered"})
 TECHNICIAN = "Only the lift technician does this, at the controller: never in the safety chain, never in the shaft."
 
@@ -45,7 +47,7 @@ async def check_signal(step: Step, lift: WatchedLift) -> None:
             case Kind.MODE:
                 await _mode(step, watch, name)
             case Kind.FLAG:
-                await _flag(step, watch, name)
+                await (_travelled if name in BY_TRAVEL else _flag)(step, watch, name)
 
 
 async def _flag(step: Step, watch: Watch, name: str) -> None:
@@ -131,6 +133,27 @@ async def _motion(step: Step, watch: Watch, name: str) -> None:
                 f"{at(step, name)} did not show {way} while the car went {way}: {what}; up and down may be exchanged"
             )
         step.saw(f"{way}: {', '.join(map(shown, seen)) or 'no change'}")
+
+
+async def _travelled(step: Step, watch: Watch, name: str) -> None:
+    before, floor = watch.newest, other_floor(step, watch.newest)
+    await step.done(
+        f"Send the car to {floor} with its own buttons, and wait until it stands there with its door closed.",
+        Prompt.SEND,
+        value=floor,
+    )
+    seen = watch.changed(before).get(name, [])
+    step.saw(
+        f"{name} was {raw_text(before, name)}, showed {', '.join(map(shown, seen)) or 'no change'}, and is {raw_text(watch.newest, name)}"
+    )
+    if before.value(name) is not True or watch.newest.value(name) is not True:
+        step.problem(
+            f"{at(step, name)} shows {raw_text(watch.newest, name)} while the car stands at {floor}{_instead(step, watch, before, name)}"
+        )
+    elif False not in seen:
+        step.problem(f"{at(step, name)} did not change while the car travelled{_instead(step, watch, before, name)}")
+    else:
+        await _disconnect(step, watch, name, rest=True)
 
 
 async def _counter(step: Step, watch: Watch, name: str) -> None:

@@ -1,0 +1,38 @@
+"""The procedures of a checkout on a lift that is wired as its map says, with a person who tells the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lift_manager.commissioning.checkout.record import Outcome, verdict
+from tests.support.checkout_rig import Rig, check_out, site_of
+from tests.support.virtual_time import run_virtual
+
+REGISTERS = {"L1": 1, "L2": 2, "L3": 3}
+
+
+def test_a_lift_that_is_wired_as_its_map_says_passes_every_item(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        record = await check_out(Rig(loaded))
+        assert {result.note for result in record.results if result.outcome is Outcome.FAILED} == set()
+        assert verdict(record).text == "passed"
+        assert len(record.trips) == 3
+        assert {"total_s", "called_s", "travel_s", "door_opens_s", "door_closes_s"} <= record.trips[0].figures.keys()
+        assert 3.0 < record.newest["A-04"].figures["let_go_s"] < 15.0
+
+    run_virtual(main, limit_s=30000.0)
+
+
+@pytest.mark.parametrize("item", ["S-02", "S-03", "S-06", "S-07", "S-13", "C-04", "C-06", "C-12", "A-03"])
+def test_values_in_registers_are_checked_as_well(tmp_path: Path, item: str) -> None:
+    loaded = site_of(tmp_path, "generic-registers", REGISTERS)
+
+    async def main() -> None:
+        record = await check_out(Rig(loaded), [item])
+        assert [(one.item, one.outcome, one.note) for one in record.results] == [(item, Outcome.PASSED, "")]
+
+    run_virtual(main, limit_s=30000.0)
