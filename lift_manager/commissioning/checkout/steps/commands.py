@@ -89,9 +89,9 @@ async def _call(step: Step, lift: WatchedLift, watch: Watch) -> None:
 async def _trip(step: Step, lift: WatchedLift, watch: Watch) -> None:
     start, destination = watch.newest.lift.floor or step.floors[0], other_floor(step, watch.newest)
     await step.may_move(f"The manager takes the empty car from {start} to {destination}. Is everybody clear?")
-    completed, why = await ride(lift, start, destination)
-    if not completed:
-        step.problem(f"the trip from {start} to {destination} ended early: {why}")
+    ridden = await ride(lift, start, destination)
+    if not ridden.is_complete:
+        step.problem(f"the trip from {start} to {destination} ended early: {ridden.reason}")
 
 
 async def _robot_mode(step: Step, lift: WatchedLift, watch: Watch) -> None:

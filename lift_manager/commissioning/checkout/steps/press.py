@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 
 from lift_manager.client.session import ActiveSession
 from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
@@ -85,16 +86,31 @@ def other_floor(step: Step, sample: Sample) -> str:
     return step.floors[index + 1] if index + 1 < len(step.floors) else step.floors[index - 1]
 
 
-async def ride(lift: WatchedLift, start: str, destination: str) -> tuple[bool, str]:
-    """Take the empty car through one whole trip; return whether it was completed, and why not."""
-    async with asyncio.timeout(RIDE_WITHIN_S):
-        async with lift.client.ride(lift.name, start, destination, robot=ROBOT) as active:
-            async for now in active:
-                if now.guidance is Guidance.ENTER:
-                    await active.entered()
-                elif now.guidance is Guidance.LEAVE:
-                    await active.left()
-            return active.now.guidance is Guidance.DONE, active.now.reason
+@dataclass(slots=True)
+class Ridden:
+    """What became of one trip, with times of the loop."""
+
+    began_at: float
+    entered_at: float | None = None
+    left_at: float | None = None
+    is_complete: bool = False
+    reason: str = ""
+
+
+async def ride(lift: WatchedLift, start: str, destination: str) -> Ridden:
+    """Take the empty car through one whole trip, as fast as a robot could be. Raises ClientError and TimeoutError."""
+    loop = asyncio.get_running_loop()
+    ridden = Ridden(loop.time())
+    async with asyncio.timeout(RIDE_WITHIN_S), lift.client.ride(lift.name, start, destination, robot=ROBOT) as active:
+        async for now in active:
+            if now.guidance is Guidance.ENTER:
+                ridden.entered_at = loop.time()
+                await active.entered()
+            elif now.guidance is Guidance.LEAVE:
+                ridden.left_at = loop.time()
+                await active.left()
+        ridden.is_complete, ridden.reason = active.now.guidance is Guidance.DONE, active.now.reason
+    return ridden
 
 
 def door_times(watch: Watch, since: Sample, side: Side) -> dict[str, float]:
@@ -118,11 +134,11 @@ def door_times(watch: Watch, since: Sample, side: Side) -> dict[str, float]:
     return found
 
 
-def travel_s(watch: Watch, since: Sample, floor: str) -> float | None:
+def travel_s(watch: Watch, since: float, floor: str) -> float | None:
     """Return the time from the last look at which the car stood elsewhere to the first at which it stands at a floor."""
     left_at = None
     for sample in watch.samples:
-        if sample.at < since.at or not sample.is_live:
+        if sample.at < since or not sample.is_live:
             continue
         if is_at(sample, floor):
             return None if left_at is None else round(sample.at - left_at, 2)
@@ -133,7 +149,7 @@ def travel_s(watch: Watch, since: Sample, floor: str) -> float | None:
 
 def _figures(step: Step, watch: Watch, began: Sample) -> None:
     floor = watch.newest.lift.floor or ""
-    taken = travel_s(watch, began, floor)
+    taken = travel_s(watch, began.at, floor)
     if taken is not None:
         step.figures["travel_s"] = taken
     for side in Side:

@@ -193,11 +193,11 @@ async def _by_the_manager(step: Step, lift: WatchedLift, watch: Watch, name: str
         f"The manager takes the empty car from {start} to {destination} as for a robot. Is everybody clear?"
     )
     before = watch.newest
-    completed, why = await ride(lift, start, destination)
+    ridden = await ride(lift, start, destination)
     seen = watch.changed(before).get(name, [])
     step.saw(f"during a trip {start} to {destination}: {', '.join(map(shown, seen)) or 'no change'}")
     if not seen:
-        reason = "" if completed else f" (the trip ended early: {why})"
+        reason = "" if ridden.is_complete else f" (the trip ended early: {ridden.reason})"
         step.problem(
             f"{at(step, name)} did not change during a whole trip{reason}{_instead(step, watch, before, name)}"
         )

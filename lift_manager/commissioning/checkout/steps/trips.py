@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 
 from lift_manager.client.errors import ClientError
-from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
+from lift_manager.commissioning.checkout.lift import Watch, WatchedLift
 from lift_manager.commissioning.checkout.record import Trip, now
-from lift_manager.commissioning.checkout.steps.press import door_times, ride, travel_s
+from lift_manager.commissioning.checkout.steps.press import Ridden, door_times, ride, travel_s
 from lift_manager.commissioning.checkout.steps.step import Step
 from register_maps.words import Side
 
@@ -35,15 +35,15 @@ async def check_trips(step: Step, lift: WatchedLift) -> None:
 
 async def _trip(step: Step, lift: WatchedLift, watch: Watch, number: int, start: str, destination: str) -> Trip:
     loop, began, began_at = asyncio.get_running_loop(), watch.newest, now()
+    ridden = Ridden(loop.time())
     try:
-        completed, why = await ride(lift, start, destination)
+        ridden = await ride(lift, start, destination)
     except (ClientError, TimeoutError) as error:
-        completed, why = False, str(error) or "it took too long"
-    figures = {"total_s": round(loop.time() - began.at, 2)}
-    opened = _opened_at(watch, began, start)
-    if opened is not None:
-        figures["called_s"] = round(opened.at - began.at, 2)
-        travelled = travel_s(watch, opened, destination)
+        ridden.reason = str(error) or "it took too long"
+    figures = {"total_s": round(loop.time() - ridden.began_at, 2)}
+    if ridden.entered_at is not None:
+        figures["called_s"] = round(ridden.entered_at - ridden.began_at, 2)
+        travelled = travel_s(watch, ridden.entered_at, destination)
         if travelled is not None:
             figures["travel_s"] = travelled
     for side in Side:
@@ -55,20 +55,9 @@ async def _trip(step: Step, lift: WatchedLift, watch: Watch, number: int, start:
         from_=start,
         to=destination,
         at=began_at,
-        is_complete=completed,
-        text="" if completed else why,
+        is_complete=ridden.is_complete,
+        text="" if ridden.is_complete else ridden.reason,
         figures=figures,
-    )
-
-
-def _opened_at(watch: Watch, began: Sample, floor: str) -> Sample | None:
-    return next(
-        (
-            sample
-            for sample in watch.samples
-            if sample.at >= began.at and sample.lift.floor == floor and sample.lift.robot_door == "open"
-        ),
-        None,
     )
 
 
