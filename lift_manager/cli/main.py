@@ -32,6 +32,7 @@ COMMANDS = {
     "audit": "audit:audit",
     "maps": "maps:app",
     "network": "network:show",
+    "checkout": "checkout:checkout",
     "scenario": "scenario:app",
     "rmf": "rmf:app",
 }

@@ -162,7 +162,7 @@ def run_directly(
         loaded = change(loaded)
     except MapFileError as error:
         raise report_mistakes(error) from error
-    recorder = _open_store(loaded) if is_recorded else None
+    recorder = open_recorder(loaded) if is_recorded else None
 
     async def work_once() -> Answer:
         async with own_manager(loaded, name=name, may_command=may_command, recorder=recorder) as client:
@@ -174,9 +174,17 @@ def run_directly(
                 raise fail(f"nothing was sent, because it could not be written down: {why}")
             return await work(client)
 
+    return run_to_end(work_once())
+
+
+def run_to_end(work: Coroutine[Any, Any, Answer]) -> Answer:
+    """Run work with managers of its own; signals cancel it, and what it held is released.
+
+    Prints a sentence and exits with 1 where it fails.
+    """
     received: list[int] = []
     try:
-        return asyncio.run(_cancel_on_signals(work_once(), received))
+        return asyncio.run(_cancel_on_signals(work, received))
     except asyncio.CancelledError:
         if signal.SIGINT in received:
             raise KeyboardInterrupt from None  # as from any other command
@@ -209,7 +217,8 @@ async def _cancel_on_signals(work: Coroutine[Any, Any, Answer], received: list[i
             loop.remove_signal_handler(number)
 
 
-def _open_store(loaded: LoadedSite) -> Recorder:
+def open_recorder(loaded: LoadedSite) -> Recorder:
+    """Open the store of a site for one own manager; print a sentence and exit with 1 where that fails."""
     limits = Limits(loaded.site.journal.keep_days, loaded.site.journal.max_mb)
     try:
         return open_store(store_path_of(loaded), loaded.site.name, loaded.site.lifts.keys(), limits)

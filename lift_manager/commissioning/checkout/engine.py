@@ -13,6 +13,7 @@ from lift_manager.commissioning.checkout.lift import WatchedLift
 from lift_manager.commissioning.checkout.person import YES, YES_NO, Person, Prompt, Question
 from lift_manager.commissioning.checkout.plan import ItemKind
 from lift_manager.commissioning.checkout.record import (
+    Fingerprint,
     Item,
     Outcome,
     Precondition,
@@ -80,6 +81,11 @@ class Checkout:
         self._codec = codec
         self._links = tuple(links)
         self._by = record.people.run_by.name
+
+    def keep_fingerprint(self, found: Fingerprint) -> None:
+        """Keep what was found out about the controller before the first item."""
+        controller = self.record.controller.model_copy(update={"fingerprint": found})
+        self._keep(self.record.model_copy(update={"controller": controller}))
 
     async def run(self, items: Sequence[Item]) -> None:
         """Carry out items in their order. May be cancelled at any time: the item under test then has no result, and all outputs are off."""

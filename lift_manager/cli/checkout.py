@@ -1,0 +1,322 @@
+"""`lift-manager checkout`: the acceptance test of a lift, with a record that people sign."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from drivers.errors import ConnectFailed, ControllerTaken, LockUnusable
+from lift_manager.cli.checkout_access import SiteAccess, hold_door
+from lift_manager.cli.checkout_terminal import HELP, EndOfInput, TerminalPerson
+from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, out, print_lines, report_mistakes, store_path_of
+from lift_manager.cli.own_manager import run_to_end
+from lift_manager.commissioning.checkout.engine import Checkout
+from lift_manager.commissioning.checkout.plan import TRIPS, lift_digest, make_plan
+from lift_manager.commissioning.checkout.record import (
+    Controller,
+    Fingerprint,
+    Item,
+    MapIdentity,
+    Outcome,
+    People,
+    Person,
+    Record,
+    RecordUnusable,
+    Stage,
+    archive_path,
+    load,
+    now,
+    record_path,
+    save,
+    verdict,
+)
+from lift_manager.commissioning.checkout.registers import ReadFailed
+from lift_manager.config.devices import devices
+from lift_manager.config.load import LoadedSite
+from lift_manager.plain.text import counted
+from lift_manager.plain.version import running_version
+from register_maps.errors import MapFileError
+
+NOT_COMPLETE, NOT_PASSED = 3, 4
+RULES = (
+    "Only the lift technician disconnects or simulates an input, never in the safety chain and never in the shaft. Nothing moves before a yes."
+    " This is a test of the interface between lift and manager, and no examination under EN 81-20."
+)
+
+
+def checkout(  # noqa: PLR0913  each is an option of the command line
+    site: SiteFile,
+    lift: Annotated[str, typer.Argument(metavar="LIFT", help="The lift, by its name in the site file.")],
+    *,
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Who runs the test; a company after a comma.")] = "",
+    stage: Annotated[
+        Stage,
+        typer.Option(
+            help="fat: in the factory, against a simulator; sat: at the lift; proof: the yearly test of fire and watchdog."
+        ),
+    ] = Stage.SAT,
+    technician: Annotated[
+        str,
+        typer.Option(
+            "--technician", metavar="NAME", help="The lift technician, who alone disconnects and simulates inputs."
+        ),
+    ] = "",
+    witness: Annotated[str, typer.Option("--witness", metavar="NAME", help="Who watches the test.")] = "",
+    identity: Annotated[
+        str,
+        typer.Option("--identity", metavar="TEXT", help="Maker, serial number and program version of the controller."),
+    ] = "",
+    failed: Annotated[bool, typer.Option("--failed", help="Do failed items again, and nothing else.")] = False,
+    item: Annotated[
+        list[str] | None, typer.Option("--item", metavar="ID", help="Do this item, such as S-07; repeat it for more.")
+    ] = None,
+    trips: Annotated[int, typer.Option(min=1, max=100, help="How many whole trips.")] = TRIPS,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Keep the findings of `doctor --json` in the record, as the state as left."),
+    ] = None,
+    new: Annotated[
+        bool, typer.Option("--new", help="Begin another test; the record of the last one is kept beside it.")
+    ] = False,
+    show_list: Annotated[bool, typer.Option("--list", help="Only list the items with their results, and end.")] = False,
+    hold_door_at: Annotated[str, typer.Option(hidden=True)] = "",
+) -> None:
+    """Test a lift item by item with the person at its doors, and keep a record that people sign.
+
+    `lift-manager checkout site.yaml main --by "Ana Silva, Integrator Ltd" --technician "Bo Berg, Lifts Ltd"` runs the test at the lift.
+
+    Ctrl-C ends it at any time: outputs are released, everything answered is kept, and the same command goes on. The manager must not run.
+
+    Exit codes: 0 passed; 1 cannot be done; 2 a mistake in a file; 3 not complete yet; 4 not passed.
+    """
+    loaded = load_site_or_exit(site)
+    if loaded.unusable:
+        raise report_mistakes(MapFileError(loaded.unusable))
+    if lift not in loaded.site.lifts:
+        raise fail(f"{site} has no lift {lift}; it has {', '.join(loaded.site.lifts)}")
+    if hold_door_at:
+        hold_door(loaded, lift, hold_door_at)
+        return
+    path = record_path(store_path_of(loaded), lift, stage)
+    try:
+        record = load(path)
+        if new and record is not None:
+            save(archive_path(path, record), record)
+            record = None
+        plan = make_plan(loaded, lift, stage, trips=_trips(record, trips))
+        if show_list:
+            _show_list(plan, record)
+            return
+        people = _people(by, technician, witness, record)
+        access = SiteAccess(loaded, lift)
+        if record is None:
+            record = _begin(loaded, lift, stage, plan, people, identity)
+        else:
+            record = _resumed(loaded, lift, record, plan, people, identity)
+        if baseline is not None:
+            record = record.model_copy(update={"baseline": _json_of(baseline)})
+        items = _chosen(record, failed=failed, ids=item or ())
+        save(path, record)
+    except RecordUnusable as error:
+        raise fail(str(error)) from error
+    record = _run(record, path, items, access, loaded)
+    _report_end(record, path)
+
+
+def _run(record: Record, path: Path, items: Sequence[Item], access: SiteAccess, loaded: LoadedSite) -> Record:
+    """Run the test; returns the record as far as it came."""
+    test = Checkout(
+        record,
+        lambda changed: save(path, changed),
+        TerminalPerson(sys.stdin.fileno()),
+        access,
+        loaded.codecs[record.lift],
+        access.links,
+    )
+
+    async def work() -> None:
+        for text in (_heading(record, len(items)), RULES, HELP):
+            out.print(text, markup=False, highlight=False)
+        await _identify(test, access)
+        await test.run(items)
+        if not verdict(test.record).remaining:
+            await test.close()
+
+    with suppress(EndOfInput):
+        try:
+            run_to_end(work())
+        except KeyboardInterrupt:
+            print_lines(["", "interrupted"])
+        except (RecordUnusable, ConnectFailed, ControllerTaken, LockUnusable, ReadFailed) as error:
+            raise fail(str(error)) from error
+    return test.record
+
+
+async def _identify(test: Checkout, access: SiteAccess) -> None:
+    """Take the fingerprint of the controller, and compare it with that of the beginning."""
+    async with access.registers() as registers:
+        found = await registers.fingerprint()
+    before = test.record.controller.fingerprint
+    if before is None:
+        test.keep_fingerprint(found)
+    elif (text := _difference(before, found)) and test.record.results:
+        out.print(f"caution: {text}", markup=False, highlight=False)
+
+
+def _difference(before: Fingerprint, found: Fingerprint) -> str:
+    """Return why this may be another controller than at the beginning; empty if nothing says so."""
+    if before.served != found.served:
+        return "the controller answers for other addresses than when this checkout began; with another controller use --new"
+    constants = {(one.table, one.address): one.value for one in found.constants}
+    other = [one for one in before.constants if constants.get((one.table, one.address), one.value) != one.value]
+    if other:
+        first = other[0]
+        return f"{first.table} {first.address} on the wire is no longer {first.value}: if this is another controller or program, use --new"
+    return ""
+
+
+def _begin(
+    loaded: LoadedSite, lift: str, stage: Stage, plan: tuple[Item, ...], people: People, identity: str
+) -> Record:
+    entry = loaded.site.lifts[lift]
+    device = devices(loaded.site, entry, loaded.maps[lift].map)[""]
+    controller = loaded.site.controllers[device.controller]
+    return Record(
+        stage=stage,
+        site=loaded.site.name,
+        lift=lift,
+        floors={name: floor.code for name, floor in entry.floors.items()},
+        map=_map_identity(loaded, lift),
+        controller=Controller(
+            name=device.controller, host=controller.host, port=controller.port, unit=device.unit_id, identity=identity
+        ),
+        versions=_versions(),
+        people=people,
+        items=plan,
+        started_at=now(),
+    )
+
+
+def _resumed(
+    loaded: LoadedSite, lift: str, record: Record, plan: tuple[Item, ...], people: People, identity: str
+) -> Record:
+    """Return a record with the plan as it is now, and print what has to be done again because of it."""
+    renewed = record.model_copy(
+        update={
+            "items": plan,
+            "map": _map_identity(loaded, lift),
+            "floors": {name: floor.code for name, floor in loaded.site.lifts[lift].floors.items()},
+            "versions": _versions(),
+            "people": people,
+            "controller": record.controller.model_copy(update={"identity": identity or record.controller.identity}),
+        }
+    )
+    if renewed.map != record.map:
+        again = [one.id for one in plan if renewed.changed_since(one)]
+        what = f"to be done again: {', '.join(again)}" if again else "no item that was done depends on it"
+        print_lines([f"the map or the site file has changed since; {what}"])
+    if verdict(renewed).remaining and renewed.ended_at is not None:
+        renewed = renewed.model_copy(update={"ended_at": None, "hand_back": None})
+    return renewed
+
+
+def _chosen(record: Record, *, failed: bool, ids: Sequence[str]) -> list[Item]:
+    """Return the items to do now: those named, those that failed, or those without a result that counts."""
+    known = {one.id: one for one in record.items}
+    if unknown := [one for one in ids if one not in known]:
+        raise fail(f"there is no item {unknown[0]}; `--list` shows all of them")
+    if ids:
+        return [known[one] for one in ids]
+    newest = record.newest
+    if failed:
+        return [one for one in record.items if one.id in newest and newest[one.id].outcome is Outcome.FAILED]
+    return [one for one in record.items if one.id not in newest]
+
+
+def _people(by: str, technician: str, witness: str, record: Record | None) -> People:
+    """Return who takes part: those given now, otherwise those of the record."""
+    if not by and record is None:
+        raise typer.BadParameter("who runs the test? Give your name", param_hint="--by")
+    before = record.people if record is not None else None
+    return People(
+        run_by=_person(by) or (before.run_by if before is not None else Person(name=by)),
+        technician=_person(technician) or (before.technician if before is not None else None),
+        witness=_person(witness) or (before.witness if before is not None else None),
+    )
+
+
+def _person(text: str) -> Person | None:
+    name, _, company = text.partition(",")
+    return Person(name=name.strip(), company=company.strip()) if name.strip() else None
+
+
+def _trips(record: Record | None, given: int) -> int:
+    """Return how many trips: those of the record, unless others are asked for."""
+    if record is not None and given == TRIPS:
+        return next((int(one.subject) for one in record.items if one.id == "T-01"), given)
+    return given
+
+
+def _map_identity(loaded: LoadedSite, lift: str) -> MapIdentity:
+    found = loaded.maps[lift]
+    return MapIdentity(
+        name=found.map.name, title=found.map.title, sha256=found.sha256, lift_sha256=lift_digest(loaded, lift)
+    )
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "lift-manager": running_version(),
+        "Python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()}",
+    }
+
+
+def _json_of(path: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise fail(f"{path} cannot be read as JSON ({error})") from error
+    return data if isinstance(data, dict) else {"findings": data}
+
+
+def _heading(record: Record, count: int) -> str:
+    done = len(record.newest)
+    minutes = sum(one.estimate_s for one in record.items if one.id not in record.newest) / 60
+    return (
+        f"checkout of {record.lift}, {record.stage}: {counted(count, 'item')} now, {done} of {len(record.items)} have a result,"
+        f" about {minutes:.0f} min left"
+    )
+
+
+def _show_list(plan: tuple[Item, ...], record: Record | None) -> None:
+    newest = {} if record is None else record.model_copy(update={"items": plan}).newest
+    table = Table("No.", "Item", "Result", "Note", box=None)
+    for one in plan:
+        result = newest.get(one.id)
+        table.add_row(
+            one.id, one.title, "" if result is None else result.outcome, "" if result is None else result.note
+        )
+    out.print(table, markup=False, highlight=False)
+
+
+def _report_end(record: Record, path: Path) -> None:
+    found = verdict(record)
+    lines = [f"{record.lift}, {record.stage}: {found.text}"]
+    lines += [f"  {one}: {record.newest[one].note}" for one in (*found.failed, *found.skipped)]
+    lines.append(f"record: {path}, sha256 {record.sha256[:16]}")
+    if found.remaining:
+        lines.append("the same command goes on; `--failed` does failed items again")
+    print_lines(lines)
+    if found.remaining:
+        raise typer.Exit(NOT_COMPLETE)
+    if not found.passed:
+        raise typer.Exit(NOT_PASSED)
