@@ -179,7 +179,7 @@ class Checkout:
             self._person.tell(str(error))
 
     async def _once(self, item: Item, lift: WatchedLift | None) -> Result:
-        step = Step(item, self._person, self._codec, tuple(self.record.floors), self._by)
+        step = Step(item, self._person, self._codec, self.record.floors, self._by)
         began_at = now()
         try:
             await self._procedure(step, lift)

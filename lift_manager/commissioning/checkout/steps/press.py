@@ -42,21 +42,26 @@ async def call(step: Step, lift: WatchedLift, watch: Watch, held: ActiveSession,
     began = watch.newest
     command = await held.go_to(floor, hold_door=hold, wait=COMMAND_WITHIN_S)
     name = call_name(step)
-    where = f"{at(step, name)} called to {floor}"
-    if command.status not in (CommandState.CONFIRMED, CommandState.PENDING):
+    where = f"{at(step, name, floor)}, called to {floor}"
+    if command.status is CommandState.PENDING:
+        step.problem(f"{where}: not pressed within {COMMAND_WITHIN_S:g} s, the manager waits: {command.reason}")
+        return False
+    if command.status is not CommandState.CONFIRMED:
         width = step.codec.commands[name].spec.width_s
         hint = (
             ""
             if width is None
             else f"; each press lasts {width:g} s, which must be longer than a scan of the controller"
         )
-        step.problem(f"{where}: {command.status}, {command.reason}{hint}")
+        step.problem(f"{where}: {command.status}, {command.reason}{hint}{_elsewhere(watch, floor)}")
         return False
     step.saw(f"{where}: {command.status} ({command.proof})")
     capabilities = await lift.client.capabilities(lift.name)
     came = await watch.until(lambda sample: is_at(sample, floor), capabilities.arrive_within_s)
     if not came:
-        step.problem(f"{where}: no signal shows the car at {floor} within {capabilities.arrive_within_s:g} s")
+        step.problem(
+            f"{where}: no signal shows the car at {floor} within {capabilities.arrive_within_s:g} s{_elsewhere(watch, floor)}"
+        )
         return False
     if hold:
         await watch.until(lambda sample: sample.lift.robot_door == "open", DOOR_WITHIN_S)
@@ -64,6 +69,14 @@ async def call(step: Step, lift: WatchedLift, watch: Watch, held: ActiveSession,
     _figures(step, watch, began)
     step.evidence += [f"written: {write.text}" for write in watch.writes if write.at >= began.at][:12]
     return True
+
+
+def _elsewhere(watch: Watch, floor: str) -> str:
+    """Return where the car shows instead, and the most likely reason."""
+    here = watch.newest.lift.floor
+    if here in (None, floor, watch.samples[0].lift.floor):
+        return ""
+    return f"; the car went to {here} instead: the outputs of {floor} and {here} may be crossed, or the floors shifted"
 
 
 def is_at(sample: Sample, floor: str) -> bool:

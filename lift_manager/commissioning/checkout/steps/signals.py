@@ -245,11 +245,18 @@ def _instead(step: Step, watch: Watch, before: Sample, name: str) -> str:
     """Return what changed instead of a signal, and the most likely reason."""
     changed = watch.changed(before)
     others = {one: seen for one, seen in changed.items() if one not in ON_ITS_OWN | {name}}
+    if step.codec.signals[name].kind is Kind.FLAG and name not in BY_TRAVEL:
+        # a lift that obeys an input moves: only another input can be the exchanged one
+        others = {one: seen for one, seen in others.items() if _is_input(step, one)}
     if others:
         return f"; {_listed(step, before, others)} changed instead: the two may be exchanged"
     if name in changed:
         return ": it shows the opposite or something else; the contact may be inverted (normally closed)"
     return ": it stays the same; check contact, wire, and the address in the vendor's table"
+
+
+def _is_input(step: Step, name: str) -> bool:
+    return step.codec.signals[name].kind is Kind.FLAG and name not in BY_TRAVEL | BY_THE_MANAGER
 
 
 def _listed(step: Step, before: Sample, others: dict[str, list[object]]) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from lift_manager.commissioning.checkout.lift import Sample
 from lift_manager.commissioning.checkout.person import NO, YES, YES_NO, Person, Prompt, Question
 from lift_manager.commissioning.checkout.record import Item, Outcome, Trip
 from register_maps.codec import Codec
+from register_maps.schema import Command, Signal
 
 
 class Settled(Exception):
@@ -26,7 +28,8 @@ class Step:
     item: Item
     person: Person
     codec: Codec
-    floors: tuple[str, ...]
+    codes: Mapping[str, int]
+    """The code of each floor, lowest first."""
     by: str
     """Who runs the test."""
     problems: list[str] = field(default_factory=list)
@@ -37,6 +40,11 @@ class Step:
     figures: dict[str, float] = field(default_factory=dict)
     trips: list[Trip] = field(default_factory=list)
     confirmed_by: str = ""
+
+    @property
+    def floors(self) -> tuple[str, ...]:
+        """The floors, lowest first."""
+        return tuple(self.codes)
 
     def problem(self, text: str) -> None:
         """Note what is wrong, for the record and for the person."""
@@ -77,13 +85,14 @@ class Step:
         return await self.ask("At which floor is the car now? Look at the car itself.", Prompt.WHERE, *self.floors)
 
 
-def at(step: Step, name: str) -> str:
-    """Return the addresses of a signal or command, as printed and on the wire, for a message."""
-    printed: tuple[str, ...] = ()
-    if name in step.codec.signals:
-        printed = step.codec.map.signals[name].addresses
-    elif name in step.codec.commands:
-        printed = step.codec.map.commands[name].addresses
+def at(step: Step, name: str, floor: str = "") -> str:
+    """Return a signal or command with its addresses as printed in the vendor's table, for a message; of one floor where there is one for each."""
+    spec: Signal | Command | None = step.codec.map.signals.get(name) or step.codec.map.commands.get(name)
+    printed = () if spec is None else spec.addresses
+    if floor and spec is not None and len(spec.floor_codes) == len(printed):
+        printed = tuple(
+            text for text, code in zip(printed, spec.floor_codes, strict=True) if code == step.codes.get(floor)
+        )
     shown = ", ".join(printed[:4]) + (" ..." if len(printed) > 4 else "")
     return f"{name} ({shown})" if shown else name
 
