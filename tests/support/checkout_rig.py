@@ -79,13 +79,15 @@ class Wiring:
         self.face.pulse(address, counts, now)
 
 
-def site_of(folder: Path, map_name: str = "generic-coils", floors: Mapping[str, int] = FLOORS) -> LoadedSite:
+def site_of(
+    folder: Path, map_name: str = "generic-coils", floors: Mapping[str, int] = FLOORS, **lift: Any
+) -> LoadedSite:
     path = folder / "site.yaml"
     site = {
         "schema": 1,
         "name": "bench",
         "controllers": {"plc": {"host": "192.0.2.5", "map": map_name}},
-        "lifts": {LIFT: {"controller": "plc", "floors": dict(floors), "access": "control"}},
+        "lifts": {LIFT: {"controller": "plc", "floors": dict(floors), "access": "control", **lift}},
     }
     path.write_text(json.dumps(site))
     return load_site(path)

@@ -1,0 +1,178 @@
+"""A checkout from its preconditions to its signatures: what is kept, what is asked again, and what is done again."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lift_manager.commissioning.checkout.engine import Checkout
+from lift_manager.commissioning.checkout.person import Prompt, Question, Reply
+from lift_manager.commissioning.checkout.plan import ItemKind, make_plan
+from lift_manager.commissioning.checkout.record import Outcome, Record, Severity, Stage, Topic, load, save, verdict
+from tests.support.checkout_rig import LIFT, Rig, TruthfulPerson, check_out, new_record, site_of
+from tests.support.virtual_time import run_virtual
+
+SKIP = Reply("", Outcome.SKIPPED, "no key at hand")
+
+
+class OnlyAnswers(TruthfulPerson):
+    """Answers the first questions, then nobody is there any more."""
+
+    def __init__(self, rig: Rig, questions: int) -> None:
+        super().__init__(rig)
+        self._left = questions
+
+    async def ask(self, question: Question) -> Reply:
+        self._left -= 1
+        if self._left < 0:
+            await asyncio.get_running_loop().create_future()
+        return await super().ask(question)
+
+
+def test_every_result_is_saved_and_an_interruption_loses_only_the_item_under_test(tmp_path: Path) -> None:
+    loaded, path = site_of(tmp_path), tmp_path / "record.json"
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        person = OnlyAnswers(rig, 14)
+        running = asyncio.create_task(
+            check_out(rig, ["C-10", "C-12"], person=person, save=lambda record: save(path, record))
+        )
+        await asyncio.sleep(600.0)
+        running.cancel()
+        await asyncio.wait((running,))
+        rig.face.advance(rig.now)
+        assert not rig.face.commands, "an output is still on"
+
+    run_virtual(main, limit_s=30000.0)
+    record = load(path)
+    assert record is not None
+    assert [result.item for result in record.results] == ["C-10"]
+    assert len(record.preconditions) == 7
+
+
+def test_preconditions_are_asked_once_and_again_before_each_abnormal_case(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        person = TruthfulPerson(rig, {(Prompt.PRECONDITION, Topic.FIRE_PANEL): Reply("", Outcome.SKIPPED, "no panel")})
+        record = await check_out(rig, ["A-01", "R-01"], person=person)
+        asked = [(entry.topic, entry.item) for entry in record.preconditions]
+        assert asked[-3:] == [(Topic.CAR_EMPTY, "A-01"), (Topic.LANDINGS, "A-01"), (Topic.FIRE_PANEL, "A-01")]
+        assert [entry.item for entry in record.preconditions].count("") == 7
+        assert [entry.reason for entry in record.preconditions if not entry.is_met] == ["no panel", "no panel"]
+        again = Checkout(record, lambda _: None, person, rig, rig.codec, ["plc"])
+        await again.run([item for item in record.items if item.id == "R-02"])
+        assert len(again.record.preconditions) == 10
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_what_is_skipped_or_failed_is_an_open_point_until_it_passes(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        person = TruthfulPerson(rig, {(Prompt.ROBOT, "R-01"): SKIP, (Prompt.ROBOT, "R-02"): Reply("no")})
+        record = await check_out(rig, ["R-01", "R-02"], person=person)
+        assert [(entry.item, entry.severity) for entry in record.punch] == [("R-01", Severity.B), ("R-02", Severity.A)]
+        again = Checkout(record, lambda _: None, TruthfulPerson(rig), rig, rig.codec, ["plc"])
+        await again.run([item for item in record.items if item.id in ("R-01", "R-02")])
+        assert [entry.is_open for entry in again.record.punch] == [False, False]
+        assert [result.outcome for result in again.record.results] == [
+            Outcome.SKIPPED,
+            Outcome.FAILED,
+            Outcome.PASSED,
+            Outcome.PASSED,
+        ]
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_a_document_and_what_does_not_apply_settle_an_item(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        replies = {
+            (Prompt.ROBOT, "R-03"): Reply(
+                "", Outcome.DOCUMENT, "measured by the lift company, report 12", ("p.jpg",), "Cy"
+            ),
+            (Prompt.MAKE, "overload"): Reply("", Outcome.NOT_APPLICABLE, "no load sensor"),
+        }
+        record = await check_out(rig, ["S-29", "R-03"], person=TruthfulPerson(rig, replies))
+        found = {one.item: one for one in record.results}
+        assert (found["S-29"].outcome, found["S-29"].note) == (Outcome.NOT_APPLICABLE, "no load sensor")
+        assert (found["R-03"].outcome, found["R-03"].photos, found["R-03"].confirmed_by) == (
+            Outcome.DOCUMENT,
+            ("p.jpg",),
+            "Cy",
+        )
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_at_the_end_points_are_settled_the_lift_is_handed_back_and_the_record_signed(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+    saved: list[Record] = []
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        items = tuple(item for item in make_plan(loaded, LIFT, Stage.SAT) if item.kind == ItemKind.QUESTION)
+        person = TruthfulPerson(rig, {(Prompt.ROBOT, "R-01"): SKIP})
+        test = Checkout(new_record(loaded, items), saved.append, person, rig, rig.codec, ["plc"])
+        await test.run(items)
+        await test.close()
+        found = verdict(test.record)
+        assert (found.text, found.is_handed_back, found.is_signed) == ("passed under conditions", True, True)
+        assert test.record.hand_back is not None
+        assert test.record.hand_back.taken_back_by == "the taken_back_by"
+        assert saved[-1] == test.record
+        await test.close()
+        assert len(test.record.signatures) == 2
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_in_the_factory_nobody_is_asked_about_passengers(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        person = TruthfulPerson(rig)
+        record = await check_out(rig, ["R-01"], person=person, stage=Stage.FAT)
+        asked = {question.subject for question in person.questions if question.topic is Prompt.PRECONDITION}
+        assert Topic.CAR_EMPTY not in asked
+        assert {entry.reason for entry in record.preconditions if not entry.is_met} == {
+            "factory acceptance test: no passengers"
+        }
+
+    run_virtual(main, limit_s=30000.0)
+
+
+LATCHES = {
+    "override": {"commands": {"hold_door.front": {"on_link_loss": "latches", "cleared_after_s": None}}},
+    "accept_latching": "the panel has a relay",
+}
+
+
+@pytest.mark.parametrize(("keys", "is_told"), [(LATCHES, True), ({}, False)])
+def test_outputs_that_latch_need_the_technician_at_the_panel(
+    tmp_path: Path, keys: dict[str, Any], is_told: bool
+) -> None:
+    loaded = site_of(tmp_path, **keys)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        person = TruthfulPerson(rig)
+        record = await check_out(rig, ["R-01"], person=person)
+        assert (Topic.LATCHING in {entry.topic for entry in record.preconditions}) is is_told
+        assert (
+            any("hold_door.front (coil:8) stays on if this computer stops" in text for text in person.told) is is_told
+        )
+
+    run_virtual(main, limit_s=30000.0)
