@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
+from lift_manager.client.errors import ClientError
 from lift_manager.client.session import ActiveSession
 from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
 from lift_manager.commissioning.checkout.steps.step import Step, at
@@ -30,7 +31,12 @@ SETTLE_S = 1.0
 async def session(lift: WatchedLift) -> AsyncIterator[ActiveSession]:
     """Hold the lift within the context; at its end nobody is in the car. Raises ClientError."""
     async with lift.client.session(lift.name, robot=ROBOT) as held:
-        yield held
+        try:
+            yield held
+        except BaseException:
+            with suppress(ClientError):  # the session is closed once more, and that failure is logged
+                await held.close(left=True)
+            raise
         await held.close(left=True)
 
 

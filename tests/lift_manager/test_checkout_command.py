@@ -1,0 +1,207 @@
+"""`lift-manager checkout` at a terminal, against a simulated controller: interrupted, resumed, and with a manager that is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from pyModbusTCP.client import ModbusClient
+
+from tests.support.programs import HANGS_S, LIFT_MANAGER, Started, call, free_port
+
+WHO = ("--by", "Ana Silva, Integrator Ltd", "--technician", "Bo Berg, Lifts Ltd")
+PRECONDITIONS = [
+    (r"revision of the I/O list", "rev 3"),
+    (r"permit to work", "P-7"),
+    (r"instruments are used", "skip nothing is measured"),
+    (r"backup of the PLC program", "stick 4"),
+    (r"car empty", "y"),
+    (r"landings barricaded", "n"),
+    (r"make it so first[\s\S]*landings barricaded", "y"),
+    (r"fire panel isolated", "skip no panel here"),
+]
+YES_NO, DONE = r"\[y/n/\?\] ", r"\[ENTER/\?\] "
+WHERE = r"At which floor[^\[]*\[L1/L2/L3/\?\] "
+
+
+class Terminal:
+    """A program at a terminal of 80 columns."""
+
+    def __init__(self, *words: str) -> None:
+        self._ours, theirs = pty.openpty()
+        env = os.environ | {"COLUMNS": "80", "TERM": "dumb", "NO_COLOR": "1"}
+        self.program = subprocess.Popen([*LIFT_MANAGER, *words], stdin=theirs, stdout=theirs, stderr=theirs, env=env)
+        os.close(theirs)
+        self.seen = ""
+        self._at = 0
+
+    def expect(self, pattern: str) -> str:
+        """Wait until the screen shows this after what was expected before; line breaks count as spaces."""
+        ends_at = time.monotonic() + HANGS_S
+        while True:
+            text = re.sub(r"\s+", " ", self.seen)
+            if found := re.compile(pattern).search(text, self._at):
+                self._at = found.end()
+                return found[0]
+            assert time.monotonic() < ends_at, f"no {pattern} in {text[self._at :]}"
+            if select.select([self._ours], [], [], 1.0)[0]:
+                try:
+                    self.seen += os.read(self._ours, 4096).decode("utf-8", "replace")
+                except OSError:  # its end
+                    raise AssertionError(f"it ended without {pattern}: {text[self._at :]}") from None
+
+    def answer(self, pattern: str, line: str) -> None:
+        self.expect(pattern)
+        os.write(self._ours, f"{line}\n".encode())
+
+    def ended(self) -> int:
+        """Read to the end; return the exit code."""
+        while True:
+            try:
+                if not (more := os.read(self._ours, 4096)):
+                    break
+            except OSError:
+                break
+            self.seen += more.decode("utf-8", "replace")
+        return self.program.wait(HANGS_S)
+
+    def close(self) -> None:
+        self.program.kill()
+        self.program.wait()
+        os.close(self._ours)
+
+
+@contextmanager
+def terminal(*words: str) -> Iterator[Terminal]:
+    found = Terminal(*words)
+    try:
+        yield found
+    finally:
+        found.close()
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Path]:
+    port = free_port()
+    path = tmp_path / "site.yaml"
+    lift = {"controller": "plc", "access": "monitor", "floors": {"L1": 0, "L2": 1, "L3": 2}, "max_age_s": 10}
+    content = {
+        "schema": 1,
+        "name": "bench",
+        "state": "kept",
+        "controllers": {"plc": {"host": "127.0.0.1", "port": port, "map": "generic-coils"}},
+        "lifts": {"lift1": lift},
+    }
+    path.write_text(json.dumps(content))
+    with Started() as start:
+        start("simulate", "generic-coils", "--port", str(port), "--speed", "10").says("Ctrl-C")
+        yield path
+
+
+def outputs(site: Path) -> list[bool]:
+    port = json.loads(site.read_text())["controllers"]["plc"]["port"]
+    client = ModbusClient("127.0.0.1", port, unit_id=1, auto_open=True, auto_close=True)
+    found: list[bool] = client.read_coils(0, 11)
+    return found
+
+
+def test_a_checkout_is_interrupted_and_resumed_and_survives_a_killed_manager(site: Path) -> None:
+    words = ("checkout", str(site), "lift1", *WHO)
+    with terminal(*words, "--item", "F-02", "--item", "R-02") as person:
+        person.expect("never in the safety chain and never in the shaft")
+        for pattern, line in PRECONDITIONS:
+            person.answer(pattern, line)
+        person.expect("F-02 floor L2.*coil:1 in the vendor's table, coil 1 on the wire")
+        person.answer(f"calls the empty car to L2.*{YES_NO}", "y")
+        person.expect(WHERE)
+        assert any(outputs(site)), "the door is held"
+        person.program.send_signal(signal.SIGINT)
+        assert person.ended() == 3
+        assert "interrupted" in person.seen
+    assert not any(outputs(site))
+
+    with terminal(*words, "--item", "F-02", "--item", "A-04", "--item", "R-02") as person:
+        person.answer(f"calls the empty car to L2.*{YES_NO}", "y")
+        person.answer(WHERE, "L9")
+        person.answer(WHERE, "note seen from the landing")
+        person.answer(WHERE, "l2")
+        person.answer(f"front door open.*{YES_NO}", "y")
+        person.expect("F-02: pass")
+        for question in ("car empty", "landings barricaded", "fire panel isolated", "is then killed", "and held"):
+            person.answer(f"{question}.*?{YES_NO}", "y")
+        person.expect("A-04: pass")
+        person.answer(f"gap.*?{YES_NO}", "doc")
+        person.answer(f"needs a few words.*?{YES_NO}", "doc drawing 12")
+        assert person.ended() == 3
+    (path,) = (site.parent / "kept").glob("*.checkout.*.sat.json")
+    record = json.loads(path.read_text())
+    results = {one["item"]: one for one in record["results"]}
+    assert {number: one["outcome"] for number, one in results.items()} == {
+        "F-02": "pass",
+        "A-04": "pass",
+        "R-02": "proved by document",
+    }
+    assert results["F-02"]["note"] == "seen from the landing"
+    assert 0 < results["A-04"]["figures"]["let_go_s"] < 20
+    assert record["people"]["technician"] == {"name": "Bo Berg", "company": "Lifts Ltd"}
+    assert record["controller"]["fingerprint"]["served"][0] == {"table": "discrete", "first": 0, "last": 29, "unit": 1}
+
+    content = json.loads(site.read_text())
+    content["lifts"]["lift1"]["floors"]["L3"] = 3
+    site.write_text(json.dumps(content))
+    listed = call("checkout", str(site), "lift1", "--list").stdout
+    assert re.search(r"F-02 .*\n", listed)
+    assert "pass" not in re.search(r"F-02.*", listed)[0]  # type: ignore[index]
+    assert "proved by document" in re.sub(r"\s+", " ", listed)
+
+
+def test_answers_may_come_through_a_pipe_and_their_end_ends_the_checkout(site: Path) -> None:
+    answers = "rev 3\nP-7\nnone\nstick 4\ny\ny\ny\nn\nn\n"
+    done = subprocess.run(
+        [*LIFT_MANAGER, "checkout", str(site), "lift1", *WHO, "--item", "R-01", "--item", "R-02"],
+        input=answers,
+        capture_output=True,
+        text=True,
+        timeout=HANGS_S,
+        check=False,
+    )
+    assert done.returncode == 3, done
+    assert "R-01: fail" in done.stdout
+    assert "R-02: " not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "reason"),
+    [
+        (("main", *WHO), 1, "has no lift main; it has lift1"),
+        (("lift1",), 2, "who runs the test"),
+        (("lift1", *WHO, "--item", "S-99"), 1, "there is no item S-99; `--list` shows all of them"),
+    ],
+)
+def test_what_cannot_be_done_is_said_before_anything_is_touched(
+    tmp_path: Path, words: tuple[str, ...], code: int, reason: str
+) -> None:
+    site = tmp_path / "site.yaml"
+    lift = {"controller": "plc", "floors": {"L1": 0, "L2": 1}}
+    content = {
+        "schema": 1,
+        "name": "bench",
+        "state": "kept",
+        "controllers": {"plc": {"host": "192.0.2.5", "map": "generic-coils"}},
+        "lifts": {"lift1": lift},
+    }
+    site.write_text(json.dumps(content))
+    done = call("checkout", str(site), *words)
+    assert done.returncode == code
+    assert reason in re.sub(r"[\s│]+", " ", done.stderr)
+    assert not list(tmp_path.glob("kept/*.json"))
