@@ -40,11 +40,11 @@ class TerminalPerson:
         self._stream = stream
         self._unread = b""
 
-    def tell(self, text: str) -> None:
+    def show(self, text: str) -> None:
         """Print a line, wrapped."""
         out.print(text, markup=False, highlight=False)
 
-    async def ask(self, question: Question) -> Reply:
+    async def answer(self, question: Question) -> Reply:
         """Ask until there is an answer. Raises EndOfInput."""
         notes: list[str] = []
         photos: list[str] = []
@@ -55,7 +55,7 @@ class TerminalPerson:
             rest = rest.strip()
             match word:
                 case "?" | "help":
-                    self.tell(HELP)
+                    self.show(HELP)
                 case "note" if rest:
                     notes.append(rest)
                 case "seen" if rest:
@@ -64,17 +64,17 @@ class TerminalPerson:
                     if path := _file(rest):
                         photos.append(path)
                     else:
-                        self.tell(f"there is no file {rest}")
+                        self.show(f"there is no file {rest}")
                 case _ if word in _ENDS and (rest or not question.is_text):
                     if rest:
                         note = "; ".join([rest, *notes])
                         return Reply("", _ENDS[word], note, tuple(photos), seen_by)
-                    self.tell(f"`{word}` needs a few words: `{word} ...`")
+                    self.show(f"`{word}` needs a few words: `{word} ...`")
                 case _:
                     answer = _answer(question, line)
                     if answer is not None:
                         return Reply(answer, None, "; ".join(notes), tuple(photos), seen_by)
-                    self.tell(
+                    self.show(
                         f"{' or '.join(question.choices) or 'press ENTER once it is done'}; ? shows what else is possible"
                     )
 
@@ -86,7 +86,7 @@ class TerminalPerson:
         while b"\n" not in self._unread:
             chunk = await self._read()
             if not chunk:
-                self.tell("")
+                self.show("")
                 raise EndOfInput
             self._unread += chunk
         line, _, self._unread = self._unread.partition(b"\n")

@@ -206,10 +206,10 @@ class TruthfulPerson:
         self._replies = replies or {}
         self._floor = ""
 
-    def tell(self, text: str) -> None:
+    def show(self, text: str) -> None:
         self.told.append(text)
 
-    async def ask(self, question: Question) -> Reply:
+    async def answer(self, question: Question) -> Reply:
         self.questions.append(question)
         await asyncio.sleep(1.0)
         self.rig.face.advance(self.rig.now)

@@ -31,7 +31,7 @@ class Closing:
         """Yield the record after every answer; what was answered before is not asked again."""
         for entry in record.punch:
             if entry.is_open and not entry.is_accepted:
-                reply = await self._ask(
+                reply = await self._answer(
                     f"Open point {entry.number}, {entry.item}: {entry.text} How bad is it: A no robots before it is mended, B may be used"
                     " under a condition, C a remark?",
                     str(entry.number),
@@ -63,7 +63,7 @@ class Closing:
         hashed = record.sha256
         for role, name in _signers(record):
             question = f"{name} ({role}): do you sign this record, {verdict(record).text}?"
-            if (await self._ask(question, role, choices=YES_NO)).word == YES:
+            if (await self._answer(question, role, choices=YES_NO)).word == YES:
                 signature = Signature(
                     role=role, name=name, at=now(), statement=verdict(record).text, record_sha256=hashed
                 )
@@ -89,7 +89,7 @@ class Closing:
 
     async def _backup(self, record: Record) -> Record:
         text = "Where is the backup of the PLC program as it is now, after the test?"
-        reply = await self._ask(text, Topic.BACKUP_AFTER.value, is_text=True)
+        reply = await self._answer(text, Topic.BACKUP_AFTER.value, is_text=True)
         entry = Precondition(
             topic=Topic.BACKUP_AFTER,
             text=text,
@@ -102,7 +102,7 @@ class Closing:
         return record.model_copy(update={"preconditions": (*record.preconditions, entry)})
 
     async def _hand_back(self, record: Record) -> Record:
-        reply = await self._ask(
+        reply = await self._answer(
             "Is the lift in normal service: all bridges and simulations removed, barricades gone, fire panel restored?",
             "hand_back",
             choices=YES_NO,
@@ -118,10 +118,10 @@ class Closing:
         return record.model_copy(update={"hand_back": back})
 
     async def _text(self, text: str, subject: str) -> str:
-        return (await self._ask(text, subject, is_text=True)).word
+        return (await self._answer(text, subject, is_text=True)).word
 
-    async def _ask(self, text: str, subject: str, *, choices: tuple[str, ...] = (), is_text: bool = False) -> Reply:
-        return await self._person.ask(Question(text, Prompt.CLOSING, subject, "", choices, is_text))
+    async def _answer(self, text: str, subject: str, *, choices: tuple[str, ...] = (), is_text: bool = False) -> Reply:
+        return await self._person.answer(Question(text, Prompt.CLOSING, subject, "", choices, is_text))
 
 
 def _signers(record: Record) -> list[tuple[Role, str]]:

@@ -115,35 +115,35 @@ class Checkout:
         known = {entry.topic for entry in self.record.preconditions if not entry.item}
         for topic, text, is_text in PRECONDITIONS:
             if topic not in known:
-                await self._ask_precondition(topic, text, is_text=is_text)
+                await self._check_precondition(topic, text, is_text=is_text)
         latching = list(latching_outputs(self._codec))
         for text in latching:
-            self._person.tell(text)
+            self._person.show(text)
         if latching and self.record.stage is not Stage.FAT and Topic.LATCHING not in known:
             text = "Does the lift technician stand at the panel, to release these outputs if this computer stops?"
-            await self._ask_precondition(Topic.LATCHING, text, is_text=False)
+            await self._check_precondition(Topic.LATCHING, text, is_text=False)
 
-    async def _ask_precondition(self, topic: Topic, text: str, *, is_text: bool, item: str = "") -> None:
+    async def _check_precondition(self, topic: Topic, text: str, *, is_text: bool, item: str = "") -> None:
         met, value, reason = False, "", ON_THE_DESK
         if is_text or self.record.stage is not Stage.FAT:
-            met, value, reason = await self._answer(topic, text, is_text=is_text)
+            met, value, reason = await self._precondition_reply(topic, text, is_text=is_text)
         entry = Precondition(
             topic=topic, text=text, is_met=met, value=value, reason=reason, item=item, by=self._by, at=now()
         )
         self._keep(self.record.model_copy(update={"preconditions": (*self.record.preconditions, entry)}))
 
-    async def _answer(self, topic: Topic, text: str, *, is_text: bool) -> tuple[bool, str, str]:
+    async def _precondition_reply(self, topic: Topic, text: str, *, is_text: bool) -> tuple[bool, str, str]:
         """Return whether a precondition is met, its value, and the reason if it is skipped."""
         while True:
             question = Question(text, Prompt.PRECONDITION, topic.value, "", () if is_text else YES_NO, is_text)
-            reply = await self._person.ask(question)
+            reply = await self._person.answer(question)
             if reply.outcome is not None:
                 return False, "", reply.note
             if is_text and reply.word:
                 return True, reply.word, ""
             if reply.word == YES:
                 return True, "", ""
-            self._person.tell("make it so first, or skip it with a reason")
+            self._person.show("make it so first, or skip it with a reason")
 
     async def _carry_out(self, item: Item, lift: WatchedLift | None, remaining: list[Item]) -> None:
         """Carry out one item until it has a result that the person leaves as it is."""
@@ -151,16 +151,16 @@ class Checkout:
         if item.is_abnormal:
             for topic, text, is_text in PRECONDITIONS:
                 if topic in BEFORE_ABNORMAL:
-                    await self._ask_precondition(topic, text, is_text=is_text, item=item.id)
+                    await self._check_precondition(topic, text, is_text=is_text, item=item.id)
         while True:
             await self._acknowledge(lift)
             result = await self._once(item, lift)
             await self._acknowledge(lift)
-            self._person.tell(f"{item.id}: {result.outcome}{f', {result.note}' if result.note else ''}")
+            self._person.show(f"{item.id}: {result.outcome}{f', {result.note}' if result.note else ''}")
             if result.outcome is not Outcome.FAILED:
                 break
             question = Question(f"{item.id} failed. Do it once more now?", Prompt.AGAIN, item.id, "", YES_NO)
-            if (await self._person.ask(question)).word != YES:
+            if (await self._person.answer(question)).word != YES:
                 break
         remaining.remove(item)
 
@@ -173,10 +173,10 @@ class Checkout:
             if not restrictions.fire_latched and restrictions.maybe_occupied_by is None:
                 return
             text = "Robots are kept off since that test. Is the fire over, the lift checked, and its car empty? Then acknowledge it"
-            if (await self._person.ask(Question(text, Prompt.ACKNOWLEDGE, choices=YES_NO))).word == YES:
+            if (await self._person.answer(Question(text, Prompt.ACKNOWLEDGE, choices=YES_NO))).word == YES:
                 await lift.client.acknowledge(lift.name, self._by)
         except ClientError as error:
-            self._person.tell(str(error))
+            self._person.show(str(error))
 
     async def _once(self, item: Item, lift: WatchedLift | None) -> Result:
         step = Step(item, self._person, self._codec, self.record.floors, self._by)
@@ -237,12 +237,12 @@ class Checkout:
 
     def _announce(self, item: Item, remaining: Sequence[Item]) -> None:
         left_min = sum(one.estimate_s for one in remaining) / 60
-        self._person.tell("")
-        self._person.tell(f"{item.id}  {item.title}  ({len(remaining)} left, about {left_min:.0f} min)")
+        self._person.show("")
+        self._person.show(f"{item.id}  {item.title}  ({len(remaining)} left, about {left_min:.0f} min)")
         for point in item.points[:8]:
-            self._person.tell(f"      {point.printed} in the vendor's table, {point.wire} on the wire")
-        self._person.tell(f"      {item.action}")
-        self._person.tell(f"      Expected: {item.expected}")
+            self._person.show(f"      {point.printed} in the vendor's table, {point.wire} on the wire")
+        self._person.show(f"      {item.action}")
+        self._person.show(f"      Expected: {item.expected}")
 
 
 def latching_outputs(codec: Codec) -> Iterator[str]:

@@ -73,10 +73,10 @@ YES_NO = (YES, NO)
 class Person(Protocol):
     """Answers questions and reads messages."""
 
-    async def ask(self, question: Question) -> Reply:
+    async def answer(self, question: Question) -> Reply:
         """Return the answer, as soon as there is one."""
         ...
 
-    def tell(self, text: str) -> None:
+    def show(self, text: str) -> None:
         """Show a line."""
         ...

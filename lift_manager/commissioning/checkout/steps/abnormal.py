@@ -148,7 +148,7 @@ async def _refuses_to_call(step: Step, watch: Watch, held: ActiveSession, floor:
 
 async def check_quiet(step: Step, registers: Registers) -> None:
     """Watch all registers while no manager runs: nothing may write outputs, and no signal may change by itself."""
-    step.person.tell(
+    step.person.show(
         f"watching all inputs and outputs for {WATCHED_S:g} s while nothing is written; nobody touches the lift"
     )
     await asyncio.sleep(QUIET_FIRST_S)

@@ -52,14 +52,14 @@ async def check_signal(step: Step, lift: WatchedLift) -> None:
 
 async def _flag(step: Step, watch: Watch, name: str) -> None:
     rest = watch.newest.value(name) is True
-    await _follow(step, watch, name, _make_text(name, wanted=not rest), not rest)
-    await _follow(step, watch, name, _make_text(name, wanted=rest), rest)
+    await _follow(step, watch, name, _make_text(name, expected=not rest), not rest)
+    await _follow(step, watch, name, _make_text(name, expected=rest), rest)
     if not step.problems:
         await _disconnect(step, watch, name, rest)
 
 
-def _make_text(name: str, *, wanted: bool) -> str:
-    return f"Make it {'so' if wanted else 'no longer so'}: {SIGNAL_MEANINGS[name]}."
+def _make_text(name: str, *, expected: bool) -> str:
+    return f"Make it {'so' if expected else 'no longer so'}: {SIGNAL_MEANINGS[name]}."
 
 
 async def _disconnect(step: Step, watch: Watch, name: str, rest: object) -> None:
@@ -88,10 +88,10 @@ async def _mode(step: Step, watch: Watch, name: str) -> None:
     rest = watch.newest.value(name)
     step.saw(f"at rest: {raw_text(watch.newest, name)}")
     values = step.codec.map.signals[name].values or {}
-    wanted = next((mode for mode in ("independent", "out_of_service", "inspection") if mode in values.values()), "")
-    if wanted:
-        await _follow(step, watch, name, f"Put the lift into {wanted} with its key. {TECHNICIAN}", wanted)
-    await _follow(step, watch, name, "Put the lift into normal service.", rest if wanted else "normal")
+    expected = next((mode for mode in ("independent", "out_of_service", "inspection") if mode in values.values()), "")
+    if expected:
+        await _follow(step, watch, name, f"Put the lift into {expected} with its key. {TECHNICIAN}", expected)
+    await _follow(step, watch, name, "Put the lift into normal service.", rest if expected else "normal")
 
 
 async def _floor(step: Step, watch: Watch, name: str) -> None:
@@ -212,18 +212,18 @@ async def _follow(
     watch: Watch,
     name: str,
     text: str,
-    wanted: object,
+    expected: object,
     *,
     within_s: float = FOLLOWS_WITHIN_S,
 ) -> None:
     """Let a person make something so, and see that the signal shows it and that nothing else changes unexplained."""
     before = watch.newest
-    await step.done(text, Prompt.MAKE, subject=name, value=shown(wanted))
-    follows = await watch.until(_shows(name, wanted), within_s)
+    await step.done(text, Prompt.MAKE, subject=name, value=shown(expected))
+    follows = await watch.until(_shows(name, expected), within_s)
     step.saw(f"{text} {name} shows {raw_text(watch.newest, name)}")
     if not follows:
         step.problem(
-            f"{at(step, name)} shows {raw_text(watch.newest, name)}, not {shown(wanted)}{_instead(step, watch, before, name)}"
+            f"{at(step, name)} shows {raw_text(watch.newest, name)}, not {shown(expected)}{_instead(step, watch, before, name)}"
         )
         return
     others = {one: seen for one, seen in watch.changed(before).items() if one not in ON_ITS_OWN | {name}}

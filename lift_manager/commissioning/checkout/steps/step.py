@@ -49,15 +49,15 @@ class Step:
     def problem(self, text: str) -> None:
         """Note what is wrong, for the record and for the person."""
         self.problems.append(text)
-        self.person.tell(text)
+        self.person.show(text)
 
     def saw(self, text: str) -> None:
         """Note evidence."""
         self.evidence.append(text)
 
-    async def ask(self, text: str, topic: Prompt, *choices: str, subject: str = "", value: str = "") -> str:
+    async def choose(self, text: str, topic: Prompt, *choices: str, subject: str = "", value: str = "") -> str:
         """Return one of the choices. Raises Settled."""
-        reply = await self.person.ask(Question(text, topic, subject, value, choices))
+        reply = await self.person.answer(Question(text, topic, subject, value, choices))
         self.photos += reply.photos
         self.confirmed_by = reply.confirmed_by or self.confirmed_by
         if reply.outcome is not None:
@@ -69,20 +69,20 @@ class Step:
 
     async def done(self, text: str, topic: Prompt, *, subject: str = "", value: str = "") -> None:
         """Wait until something is done. Raises Settled."""
-        await self.ask(text, topic, subject=subject, value=value)
+        await self.choose(text, topic, subject=subject, value=value)
 
     async def yes(self, text: str, topic: Prompt, *, subject: str = "", value: str = "") -> bool:
         """Return whether it is so. Raises Settled."""
-        return await self.ask(text, topic, *YES_NO, subject=subject, value=value) == YES
+        return await self.choose(text, topic, *YES_NO, subject=subject, value=value) == YES
 
     async def may_move(self, text: str) -> None:
         """Wait for a yes before something moves. Raises Settled if it may not."""
-        if await self.ask(text, Prompt.MAY_MOVE, *YES_NO, subject=self.item.subject) == NO:
+        if await self.choose(text, Prompt.MAY_MOVE, *YES_NO, subject=self.item.subject) == NO:
             raise Settled(Outcome.SKIPPED, "the person did not agree to the move")
 
     async def where(self) -> str:
         """Return the floor at which the car really is."""
-        return await self.ask("At which floor is the car now? Look at the car itself.", Prompt.WHERE, *self.floors)
+        return await self.choose("At which floor is the car now? Look at the car itself.", Prompt.WHERE, *self.floors)
 
 
 def at(step: Step, name: str, floor: str = "") -> str:

@@ -25,7 +25,7 @@ async def check_trips(step: Step, lift: WatchedLift) -> None:
             start, destination = stops[(number - 1) % len(stops)], stops[number % len(stops)]
             trip = await _trip(step, lift, watch, number, start, destination)
             step.trips.append(trip)
-            step.person.tell(f"trip {number} of {count}, {start} to {destination}: {_text(trip)}")
+            step.person.show(f"trip {number} of {count}, {start} to {destination}: {_text(trip)}")
             if not trip.is_complete:
                 step.problem(f"trip {number}, {start} to {destination}, was not completed: {trip.text}")
                 return

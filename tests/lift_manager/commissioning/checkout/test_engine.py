@@ -25,11 +25,11 @@ class OnlyAnswers(TruthfulPerson):
         super().__init__(rig)
         self._left = questions
 
-    async def ask(self, question: Question) -> Reply:
+    async def answer(self, question: Question) -> Reply:
         self._left -= 1
         if self._left < 0:
             await asyncio.get_running_loop().create_future()
-        return await super().ask(question)
+        return await super().answer(question)
 
 
 def test_every_result_is_saved_and_an_interruption_loses_only_the_item_under_test(tmp_path: Path) -> None:
