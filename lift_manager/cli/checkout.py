@@ -124,6 +124,8 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
         if baseline is not None:
             record = record.model_copy(update={"baseline": _json_of(baseline)})
         items = _chosen(record, failed=failed, ids=item or ())
+        if items:
+            record = record.model_copy(update={"ended_at": None, "hand_back": None})
         save(path, record)
     except RecordUnusable as error:
         raise fail(str(error)) from error
@@ -145,17 +147,22 @@ def _run(record: Record, path: Path, items: Sequence[Item], access: SiteAccess, 
     async def work() -> None:
         for text in (_heading(record, len(items)), RULES, HELP):
             out.print(text, markup=False, highlight=False)
-        await _identify(test, access)
-        await test.run(items)
-        if not verdict(test.record).remaining:
-            await test.close()
+        try:
+            await _identify(test, access)
+            await test.run(items)
+            if not verdict(test.record).remaining:
+                await test.close()
+        except (ConnectFailed, ReadFailed, LockUnusable) as error:
+            raise fail(str(error)) from error
+        except ControllerTaken as error:
+            raise fail(f"{error}, because a checkout runs a manager of its own") from error
 
     with suppress(EndOfInput):
         try:
             run_to_end(work())
         except KeyboardInterrupt:
             print_lines(["", "interrupted"])
-        except (RecordUnusable, ConnectFailed, ControllerTaken, LockUnusable, ReadFailed) as error:
+        except RecordUnusable as error:
             raise fail(str(error)) from error
     return test.record
 
@@ -223,8 +230,6 @@ def _resumed(
         again = [one.id for one in plan if renewed.changed_since(one)]
         what = f"to be done again: {', '.join(again)}" if again else "no item that was done depends on it"
         print_lines([f"the map or the site file has changed since; {what}"])
-    if verdict(renewed).remaining and renewed.ended_at is not None:
-        renewed = renewed.model_copy(update={"ended_at": None, "hand_back": None})
     return renewed
 
 

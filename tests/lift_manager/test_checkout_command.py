@@ -140,7 +140,7 @@ def test_a_checkout_is_interrupted_and_resumed_and_survives_a_killed_manager(sit
         for question in ("car empty", "landings barricaded", "fire panel isolated", "is then killed", "and held"):
             person.answer(f"{question}.*?{YES_NO}", "y")
         person.expect("A-04: pass")
-        person.answer(f"gap.*?{YES_NO}", "doc")
+        person.answer(f"sill gap.*?{YES_NO}", "doc")
         person.answer(f"needs a few words.*?{YES_NO}", "doc drawing 12")
         assert person.ended() == 3
     (path,) = (site.parent / "kept").glob("*.checkout.*.sat.json")
@@ -165,19 +165,45 @@ def test_a_checkout_is_interrupted_and_resumed_and_survives_a_killed_manager(sit
     assert "proved by document" in re.sub(r"\s+", " ", listed)
 
 
-def test_answers_may_come_through_a_pipe_and_their_end_ends_the_checkout(site: Path) -> None:
-    answers = "rev 3\nP-7\nnone\nstick 4\ny\ny\ny\nn\nn\n"
-    done = subprocess.run(
-        [*LIFT_MANAGER, "checkout", str(site), "lift1", *WHO, "--item", "R-01", "--item", "R-02"],
+def piped(site: Path, answers: str, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*LIFT_MANAGER, "checkout", str(site), "lift1", *words],
         input=answers,
         capture_output=True,
         text=True,
         timeout=HANGS_S,
         check=False,
     )
+
+
+def test_answers_may_come_through_a_pipe_and_their_end_ends_the_checkout(site: Path) -> None:
+    answers = "rev 3\nP-7\nnone\nstick 4\ny\ny\ny\nn\nn\n"
+    done = piped(site, answers, *WHO, "--item", "R-01", "--item", "R-02")
     assert done.returncode == 3, done
     assert "R-01: fail" in done.stdout
     assert "R-02: " not in done.stdout
+
+    content = json.loads(site.read_text())
+    content["lifts"]["lift1"]["floors"]["L3"] = 3
+    site.write_text(json.dumps(content))
+    (site.parent / "doctor.json").write_text('{"findings": []}')
+    again = piped(site, "y\n", "--failed", "--baseline", str(site.parent / "doctor.json"))
+    assert "the map or the site file has changed since; no item that was done depends on it" in again.stdout
+    assert "R-01: pass" in again.stdout
+    (path,) = (site.parent / "kept").glob("*.checkout.*.sat.json")
+    record = json.loads(path.read_text())
+    assert record["baseline"] == {"findings": []}
+    assert record["floors"] == {"L1": 0, "L2": 1, "L3": 3}
+    assert [one["outcome"] for one in record["results"]] == ["fail", "pass"]
+    assert [(one["severity"], one["closed_at"] is None) for one in record["punch_list"]] == [("A", True), ("A", False)]
+
+
+def test_a_running_manager_is_left_alone(site: Path) -> None:
+    with Started() as start:
+        start("serve", site, "--port", "0").says("/docs")
+        done = piped(site, "", *WHO, "--item", "R-01")
+    assert done.returncode == 1
+    assert "stop that one first, because a checkout runs a manager of its own" in done.stderr
 
 
 @pytest.mark.parametrize(

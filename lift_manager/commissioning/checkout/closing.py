@@ -49,7 +49,7 @@ class Closing:
                     update={"punch_list": (*record.punch_list, entry.model_copy(update=accepted))}
                 )
                 yield record
-        while change := await self._as_built():
+        while record.ended_at is None and (change := await self._as_built()):
             record = record.model_copy(update={"as_built": (*record.as_built, change)})
             yield record
         if record.stage is not Stage.FAT and record.hand_back is None:

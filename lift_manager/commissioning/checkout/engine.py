@@ -228,9 +228,7 @@ class Checkout:
                 case ItemKind.WATCHDOG:
                     await check_watchdog(step, self._access, step.floors[0])
                 case _:
-                    if not await step.yes(
-                        f"{step.item.action} {step.item.expected}", Prompt.ROBOT, subject=step.item.id
-                    ):
+                    if not await step.yes("Is it as expected?", Prompt.ROBOT, subject=step.item.id):
                         step.problem(f"not as expected: {step.item.expected}")
             return
         await _PROCEDURES[kind](step, lift)

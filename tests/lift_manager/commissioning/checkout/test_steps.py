@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.commissioning.checkout.record import Outcome, verdict
-from tests.support.checkout_rig import Rig, check_out, site_of
+from tests.support.checkout_rig import LIFT, Rig, check_out, site_of
 from tests.support.virtual_time import run_virtual
 
 REGISTERS = {"L1": 1, "L2": 2, "L3": 3}
@@ -34,5 +34,23 @@ def test_values_in_registers_are_checked_as_well(tmp_path: Path, item: str) -> N
     async def main() -> None:
         record = await check_out(Rig(loaded), [item])
         assert [(one.item, one.outcome, one.note) for one in record.results] == [(item, Outcome.PASSED, "")]
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_a_fingerprint_has_the_served_ranges_the_constant_words_and_the_latency(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path, "generic-registers", REGISTERS, override={"signals": {"destination": None}})
+
+    async def main() -> None:
+        rig = Rig(loaded, wired=site_of(tmp_path, "generic-registers", REGISTERS).codecs[LIFT])
+        async with rig.registers() as registers:
+            first = await registers.fingerprint()
+        async with rig.registers() as registers:
+            second = await registers.fingerprint()
+        assert [(one.table, one.first, one.last) for one in first.served] == [("holding", 0, 7), ("holding", 16, 19)]
+        assert [(one.address, one.value) for one in first.constants] == [(6, 0)]
+        assert first.latency is not None
+        assert first.latency.p50_ms == pytest.approx(4.0, abs=4.0)
+        assert first.sha256 == second.sha256
 
     run_virtual(main, limit_s=30000.0)
