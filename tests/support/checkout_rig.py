@@ -261,6 +261,8 @@ class TruthfulPerson:
                 await self._press("landing_buttons", value)
             case Prompt.WITHDRAW:
                 (rig.begin if value == "on" else rig.end)(RobotModeWithdrawn())
+            case Prompt.RIDER:
+                return "empty"
             case Prompt.AGAIN:
                 return False
             case Prompt.PRECONDITION | Prompt.CLOSING if question.is_text:

@@ -30,6 +30,8 @@ class Prompt(StrEnum):
     STAYED = "did the car stay?"
     WITHDRAW = "take robot mode away, or give it back"
     SERVES = "does the lift serve its passengers?"
+    RIDER = "does a robot ride, or nobody?"
+    DRIVE = "let the robot drive in or out"
     ROBOT = "a question about the real robot"
     ACKNOWLEDGE = "is the lift checked after a test?"
     AGAIN = "do it once more?"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
@@ -116,17 +116,25 @@ class Ridden:
     reason: str = ""
 
 
-async def ride(lift: WatchedLift, start: str, destination: str) -> Ridden:
-    """Take the empty car through one whole trip, as fast as a robot could be. Raises ClientError and TimeoutError."""
+Drive = Callable[[Guidance], Awaitable[None]]
+"""Waits until the robot has driven in or out, as it is guided."""
+
+
+async def ride(lift: WatchedLift, start: str, destination: str, drive: Drive | None = None) -> Ridden:
+    """Go through one whole trip: of a robot, or of the empty car, as fast as a robot could be. Raises ClientError and TimeoutError."""
     loop = asyncio.get_running_loop()
     ridden = Ridden(loop.time())
     async with asyncio.timeout(RIDE_WITHIN_S), lift.client.ride(lift.name, start, destination, robot=ROBOT) as active:
         async for now in active:
             if now.guidance is Guidance.ENTER:
+                if drive is not None:
+                    await drive(now.guidance)
                 ridden.entered_at = loop.time()
                 await active.entered()
             elif now.guidance is Guidance.LEAVE:
                 ridden.left_at = loop.time()
+                if drive is not None:
+                    await drive(now.guidance)
                 await active.left()
         ridden.is_complete, ridden.reason = active.now.guidance is Guidance.DONE, active.now.reason
     return ridden

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from lift_manager.commissioning.checkout.person import Prompt, Reply
 from lift_manager.commissioning.checkout.record import Outcome, verdict
-from tests.support.checkout_rig import LIFT, Rig, check_out, site_of
+from tests.support.checkout_rig import LIFT, Rig, TruthfulPerson, check_out, site_of
 from tests.support.virtual_time import run_virtual
 
 REGISTERS = {"L1": 1, "L2": 2, "L3": 3}
@@ -52,5 +53,31 @@ def test_a_fingerprint_has_the_served_ranges_the_constant_words_and_the_latency(
         assert first.latency is not None
         assert first.latency.p50_ms == pytest.approx(4.0, abs=4.0)
         assert first.sha256 == second.sha256
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_a_robot_is_driven_in_and_out_by_a_person(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        person = TruthfulPerson(rig, {(Prompt.RIDER, ""): Reply("robot")})
+        record = await check_out(rig, ["T-01"], person=person)
+        assert [result.outcome for result in record.results] == [Outcome.PASSED]
+        driven = [question.value for question in person.questions if question.topic is Prompt.DRIVE]
+        assert driven == ["in", "out"] * 3
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_a_heartbeat_is_seen_on_the_wire(tmp_path: Path) -> None:
+    beat = {"at": "holding:20", "action": "count", "every_s": 1.0}
+    changes = {"served": {"holding": [[0, 7], [16, 20]]}, "commands": {"heartbeat": beat}}
+    loaded = site_of(tmp_path, "generic-registers", REGISTERS, override=changes)
+
+    async def main() -> None:
+        record = await check_out(Rig(loaded), ["C-09"])
+        assert [(one.item, one.outcome, one.note) for one in record.results] == [("C-09", Outcome.PASSED, "")]
 
     run_virtual(main, limit_s=30000.0)
