@@ -59,7 +59,7 @@ async def _flag(step: Step, watch: Watch, name: str) -> None:
 
 
 def _make_text(name: str, *, expected: bool) -> str:
-    return f"Make it {'so' if expected else 'no longer so'}: {SIGNAL_MEANINGS[name]}."
+    return f"Make it {'so' if expected else 'no longer so'}: {SIGNAL_MEANINGS[name]}. Only the lift technician simulates an input."
 
 
 async def _disconnect(step: Step, watch: Watch, name: str, rest: object) -> None:

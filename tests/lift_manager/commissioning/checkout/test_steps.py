@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -79,5 +80,26 @@ def test_a_heartbeat_is_seen_on_the_wire(tmp_path: Path) -> None:
     async def main() -> None:
         record = await check_out(Rig(loaded), ["C-09"])
         assert [(one.item, one.outcome, one.note) for one in record.results] == [("C-09", Outcome.PASSED, "")]
+
+    run_virtual(main, limit_s=30000.0)
+
+
+class OneSlot(Rig):
+    """A controller that counts the connection of a killed manager as open for some seconds."""
+
+    async def kill(self) -> None:
+        await super().kill()
+        self.controller.keeps_slot = True
+        asyncio.get_running_loop().call_later(4.0, setattr, self.controller, "keeps_slot", False)
+
+
+def test_a_slot_that_stays_taken_after_the_kill_is_waited_for(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        record = await check_out(OneSlot(loaded), ["A-04"])
+        (result,) = record.results
+        assert (result.outcome, result.note) == (Outcome.PASSED, "")
+        assert 4.0 < result.figures["let_go_s"] < 20.0
 
     run_virtual(main, limit_s=30000.0)
