@@ -1,0 +1,1 @@
+"""Reports of acceptance tests, for people to sign and for other programs."""
