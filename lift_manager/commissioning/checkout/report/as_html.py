@@ -18,6 +18,7 @@ from lift_manager.commissioning.checkout.record import (
     PunchEntry,
     Record,
     Result,
+    Role,
     Signature,
     Topic,
     Verdict,
@@ -101,7 +102,6 @@ _KINDS = {
     Outcome.SKIPPED: "fair",
     Outcome.FAILED: "bad",
 }
-_SIGNERS = ("run by", "lift technician", "witness", "owner")
 _HAND_BACK_CHECKS = (
     "Every output of the lift manager is released; robot mode is off",
     "Nothing is bridged, simulated or disconnected any more",
@@ -432,16 +432,16 @@ def _signatures(record: Record, found: Verdict) -> Iterator[str]:
     yield '<section class="signing"><h2>Signatures</h2>'
     yield f"<p>{headline(found).capitalize()}. {NO_EXAMINATION}</p>"
     yield _head(("Role", 16), ("Name", 24), ("Signature", 36), ("Date", 24))
-    names = {
-        "run by": record.people.run_by.name,
-        "lift technician": "" if record.people.technician is None else record.people.technician.name,
-        "witness": "" if record.people.witness is None else record.people.witness.name,
-        "owner": "",
+    people = {
+        Role.RUN_BY: record.people.run_by,
+        Role.TECHNICIAN: record.people.technician,
+        Role.WITNESS: record.people.witness,
     }
-    newest: dict[str, Signature] = {one.role: one for one in record.signatures}
-    for role in _SIGNERS:
+    newest = {one.role: one for one in record.signatures}
+    for role in Role:
         given = newest.get(role)
-        name = names[role] if given is None else given.name
+        person = people.get(role)
+        name = given.name if given is not None else person.name if person is not None else ""
         state, at = ("", "") if given is None else (_signature_state(given, record), f"{when(given.at)} UTC")
         yield f"<tr>{_cells(role.capitalize(), name, state, at)}</tr>"
     yield "</tbody></table></section>"

@@ -26,12 +26,17 @@ class Times:
 
 
 def door_times(record: Record, figure: str) -> tuple[Times, ...]:
-    """Return how long doors took at each floor, the highest floor first; `figure` is OPENS or CLOSES."""
-    found: dict[str, list[float]] = {}
+    """Return how long doors took at each floor, the highest floor first; `figure` is OPENS or CLOSES.
+
+    The figures of another door than the front one begin with its side, such as `rear_door_opens_s`.
+    """
+    found: dict[str, dict[str, list[float]]] = {floor: {} for floor in reversed(record.floors)}
     for floor, figures in _at_floors(record):
-        if figure in figures:
-            found.setdefault(floor, []).append(figures[figure])
-    return tuple(Times(floor, tuple(found[floor])) for floor in reversed(record.floors) if floor in found)
+        for name, seconds in figures.items():
+            if name == figure or name.endswith(f"_{figure}"):
+                side = name.removesuffix(figure).rstrip("_")
+                found[floor].setdefault(f"{floor} {side}" if side else floor, []).append(seconds)
+    return tuple(Times(label, tuple(seconds)) for doors in found.values() for label, seconds in doors.items())
 
 
 def travel_times(record: Record) -> tuple[Times, ...]:

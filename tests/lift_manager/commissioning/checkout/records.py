@@ -21,6 +21,7 @@ from lift_manager.commissioning.checkout.record import (
     PunchEntry,
     Record,
     Result,
+    Role,
     ServedRange,
     Severity,
     Signature,
@@ -353,10 +354,9 @@ UNSIGNED = Record(
 
 def signed(record: Record) -> Record:
     """Sign as the one who ran the test and the lift technician."""
-    names = {"run by": ANA.name, "lift technician": BO.name}
     given = tuple(
-        Signature(role=role, name=names[role], at=at(124), record_sha256=record.sha256)
-        for role in ("run by", "lift technician")
+        Signature(role=role, name=person.name, at=at(124), record_sha256=record.sha256)
+        for role, person in ((Role.RUN_BY, ANA), (Role.TECHNICIAN, BO))
     )
     return record.model_copy(update={"signatures": given})
 

@@ -301,12 +301,12 @@ def test_doors_are_timed_by_floor_and_travel_from_floor_to_floor() -> None:
             "trips": (
                 trip("L1", "L3", door_opens_s=3.0, door_closes_s=4.0, travel_s=9.0),
                 trip("L1", "L3", door_opens_s=2.0, travel_s=11.0),
-                trip("L3", "B1", door_opens_s=2.5),
+                trip("L3", "B1", door_opens_s=2.5, rear_door_opens_s=2.7),
                 trip("roof", "L1", travel_s=9.0),
             ),
         }
     )
-    assert door_times(record, OPENS) == (Times("L3", (3.0, 2.0)), Times("B1", (2.5,)))
+    assert door_times(record, OPENS) == (Times("L3", (3.0, 2.0)), Times("B1", (2.5,)), Times("B1 rear", (2.7,)))
     assert door_times(record, CLOSES) == (Times("L3", (4.0,)),)
     assert travel_times(record) == (Times("L1 → L3", (9.0, 11.0)),)
     assert travel_times(record)[0].median == 10.0
