@@ -175,6 +175,7 @@ def lift_config(name: str, loaded: LoadedSite, driver: LiftDriver) -> LiftConfig
         between_sessions_s=spec.between_sessions_s,
         fire_release_delay_s=spec.fire_release_delay_s,
         poll_s=loaded.poll_s(name),
+        checkout=loaded.checkouts.get(name),
         rmf_name=spec.rmf.name or "",
         rmf_floors=spec.rmf.floors,
     )
@@ -300,7 +301,7 @@ def poll_patience_s(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, fl
 def _start_row(loaded: LoadedSite) -> Row:
     lifts = loaded.site.lifts.items()
     maps = {name: (lift.access, loaded.maps[name].map.name, loaded.maps[name].sha256) for name, lift in lifts}
-    return manager_started(running_version(), maps)
+    return manager_started(running_version(), maps, loaded.checkouts)
 
 
 async def warn_of_expiry(loaded: LoadedSite, *, every_s: float = WARN_EVERY_S) -> None:

@@ -98,7 +98,7 @@ def test_every_command_and_option_that_a_page_names_in_passing_exists() -> None:
     wrong = []
     for page in FOR_USERS:
         for code in inline_code(page):
-            if not (match := re.match(r"(?:\.venv/bin/)?lift-manager +([a-z]+)", code)):
+            if not (match := re.match(r"(?:\.venv/bin/)?lift-manager +([a-z-]+)", code)):
                 continue
             options = set(re.findall(r"(?<!\S)\[?(--[a-z-]+)", code)) - {"--help"}
             if match[1] not in COMMANDS or not options <= known_options(match[1]):

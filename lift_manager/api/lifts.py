@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from enum import StrEnum, unique
 from typing import Annotated
 
@@ -157,6 +158,13 @@ class ClosedEvidence(StrEnum):
     NOT_OPEN = "not_open"
 
 
+class CheckoutRecord(Answer):
+    """The record of an acceptance test."""
+
+    sha256: str = Field(description="Hash of the record, as on each page of its report.")
+    ended_at: datetime
+
+
 class LiftCapabilities(Answer):
     """The signals and commands of a lift, and its time limits for robots."""
 
@@ -193,6 +201,11 @@ class LiftCapabilities(Answer):
     not_visible: Mapping[str, str]
     map: str
     trust: str = Field(description="The source from which the map was made.", examples=["vendor-manual"])
+    checkout: CheckoutRecord | None = Field(
+        default=None,
+        description="The record of the acceptance test (`lift-manager checkout`) that lets robots use this lift; null without one that"
+        " fits its map.",
+    )
 
     @classmethod
     def of(cls, lift: LiftConfig) -> LiftCapabilities:
@@ -223,6 +236,7 @@ class LiftCapabilities(Answer):
             not_visible=capabilities.not_visible,
             map=capabilities.map_name,
             trust=capabilities.trust,
+            checkout=None if lift.checkout is None else CheckoutRecord.model_validate(lift.checkout),
         )
 
 

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from lift_manager.cli import serve_checks
 from lift_manager.cli.common import print_lines, report_mistakes
-from lift_manager.cli.serve_checks import obstacles
 from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.load import LoadedSite, check_file, load_site
 from lift_manager.rmf.building import SiteLift, compare
@@ -46,7 +46,7 @@ def check(
             "also give the building map that it was made from, with --building-map", param_hint="--nav-graph"
         )
     try:
-        print_lines(check_file(file, obstacles, for_rmf=building_map is not None))
+        print_lines(check_file(file, serve_checks.obstacles, serve_checks.cautions, for_rmf=building_map is not None))
         if building_map is not None:
             _check_names(file, building_map, nav_graph)
     except MapFileError as error:

@@ -33,6 +33,7 @@ COMMANDS = {
     "maps": "maps:app",
     "network": "network:show",
     "checkout": "checkout:checkout",
+    "checkout-report": "checkout_report:report",
     "scenario": "scenario:app",
     "rmf": "rmf:app",
 }

@@ -18,7 +18,7 @@ from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, out, prin
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
-from lift_manager.cli.serve_checks import allows_requests_without_keys, obstacles
+from lift_manager.cli.serve_checks import allows_requests_without_keys, cautions, obstacles, with_checkouts
 from lift_manager.config.load import LoadedSite
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.plain.text import counted
@@ -66,8 +66,9 @@ def serve(
         raise report_mistakes(MapFileError(loaded.unusable))
     for obstacle in obstacles(loaded):
         raise fail(obstacle.message)
-    for line in loaded.cautions():
+    for line in cautions(loaded):
         _log.warning("%s", line)
+    loaded = with_checkouts(loaded)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
     api = loaded.site.api
     place, keeps = store_path_of(loaded), loaded.site.journal

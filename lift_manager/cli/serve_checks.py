@@ -1,13 +1,17 @@
-"""Finds what prevents a valid site file from being served on this computer, for `serve` and `check`."""
+"""Finds what prevents a valid site file from being served on this computer, or should be known, for `serve` and `check`."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
+from lift_manager.commissioning.checkout.approval import Approval, find_approval
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
+from lift_manager.lift.config import Checkout
 from lift_manager.store.errors import KeysUnusable, StoreUnusable
 from lift_manager.store.keys import keys_path, read_kept_keys
 from lift_manager.store.place import store_path
@@ -42,6 +46,49 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
     host = str(address[0])
     if not keys and not allows_requests_without_keys(site.api, host):
         yield Finding(file, None, "api.host", _key_advice(host, loaded.path))
+    if site.require_checkout:
+        for lift, approval in _approvals(loaded).items():
+            if approval.problem:
+                advice = f"{_test_advice(loaded.path, lift)}, or use `access: monitor` until then"
+                message = f"{approval.problem}, and `require_checkout` keeps robots off a lift without one that counts: {advice}"
+                yield Finding(file, None, f"lifts.{lift}", message)
+
+
+def cautions(loaded: LoadedSite) -> Iterator[str]:
+    """Yield what people should know of a site at every start, a line each."""
+    yield from loaded.cautions()
+    for lift, approval in _approvals(loaded).items():
+        if approval.problem:
+            yield f"{lift}: robots may use it, and {approval.problem}; {_test_advice(loaded.path, lift)}"
+        yield from (f"{lift}: {caution}" for caution in approval.cautions)
+
+
+def with_checkouts(loaded: LoadedSite) -> LoadedSite:
+    """Return the site with the records that let robots use its lifts."""
+    found = {lift: approval.record for lift, approval in _approvals(loaded).items()}
+    return replace(
+        loaded,
+        checkouts={
+            lift: Checkout(record.sha256, record.ended_at or record.started_at)
+            for lift, record in found.items()
+            if record is not None
+        },
+    )
+
+
+def _approvals(loaded: LoadedSite) -> Mapping[str, Approval]:
+    """Return what the records say about each lift that robots may command; none if there is no place for records."""
+    site = loaded.site
+    try:
+        place = store_path(site.name, site.state, loaded.path, os.environ)
+    except StoreUnusable:
+        return {}
+    commanded = (name for name, lift in site.lifts.items() if lift.access == "control")
+    return {lift: find_approval(place, loaded, lift, datetime.now(UTC)) for lift in commanded}
+
+
+def _test_advice(site_file: Path, lift: str) -> str:
+    return f"test and sign it with `lift-manager checkout {site_file} {lift}`"
 
 
 def allows_requests_without_keys(api: Api, host: str) -> bool:

@@ -16,6 +16,7 @@ from lift_manager.config.maps import is_value_table, load_maps, tables
 from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
 from lift_manager.config.tls import tls_cautions, tls_lines, tls_problems
+from lift_manager.lift.config import Checkout
 from register_maps.codec import Codec, compile_map
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
@@ -65,6 +66,8 @@ class LoadedSite:
     """The maps of controllers without a lift, which define the needs of their links."""
     unusable: tuple[Finding, ...] = ()
     """Certificates and keys that cannot be used on this computer; planning a site elsewhere does not need them."""
+    checkouts: Mapping[str, Checkout] = field(default_factory=dict)
+    """The acceptance tests that let robots use its lifts, as far as they were looked for."""
 
     @cached_property
     def controllers(self) -> dict[str, Controller]:
@@ -177,19 +180,21 @@ def _named_controllers(data: object) -> Iterator[tuple[KeyPath, object]]:
 def check_file(
     path: Path,
     obstacles: Callable[[LoadedSite], Iterable[Finding]] = lambda loaded: loaded.unusable,
+    cautions: Callable[[LoadedSite], Iterable[str]] = LoadedSite.cautions,
     *,
     for_rmf: bool = False,
 ) -> list[str]:
     """Check a site file or a map; returns the cautions and a summary. Raises MapFileError.
 
-    `obstacles` finds what prevents the use of a correct site file; `for_rmf` is as for `load_site`.
+    `obstacles` finds what prevents the use of a correct site file, `cautions` what people should know of it; `for_rmf` is as for
+    `load_site`.
     """
     if _is_map(read(path, number_keys=lambda _: True).data):
         return map_report(load(path))
     loaded_site = load_site(path, for_rmf=for_rmf)
     if blocking := tuple(obstacles(loaded_site)):
         raise MapFileError(blocking)
-    lines = [f"caution: {line}" for line in loaded_site.cautions()]
+    lines = [f"caution: {line}" for line in cautions(loaded_site)]
     lines += tls_lines(loaded_site.site, path.parent)
     for name, lift in loaded_site.site.lifts.items():
         lines.append(f"{name}: {lift.access}, floors {', '.join(lift.floors)}, {_map_text(loaded_site.maps[name].map)}")

@@ -402,6 +402,8 @@ class Site(_Part):
     state: Text | None = None
     """The folder of the store and the keys, relative to the site file."""
     journal: Journal = Journal()
+    require_checkout: Annotated[bool, Field(strict=True)] = False
+    """Do not start while a lift with `access: control` has no signed record of its acceptance test that fits its map."""
     api: Api = Api()
     rmf: Rmf = Rmf()
     controllers: dict[Text, Controller] = Field(min_length=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import cache
 
 from drivers.model import Capabilities, Command, CommandKind, FloorName
@@ -15,6 +16,15 @@ LIFT_NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$"
 """What a lift may be named: it stands in addresses, file names and commands as it is."""
 CLEARS_IN_A_LIMIT = 3
 """A lease is at least this many times `clear_s`. Chosen: two thirds of it are left for crossing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checkout:
+    """The acceptance test that lets robots use a lift."""
+
+    sha256: str
+    """Of its record, as printed on each page of its report."""
+    ended_at: datetime
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +72,8 @@ class LiftConfig:
     fire_release_delay_s: float = 0.0
     """From telling robots of a fire to releasing everything."""
     poll_s: float = 0.2
+    checkout: Checkout | None = None
+    """None where nobody looked for one, or it was not found."""
     rmf_name: str = ""
     """In RMF's building map; empty where it is the same there."""
     rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)

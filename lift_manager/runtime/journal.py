@@ -12,6 +12,7 @@ from drivers.model import Command, Outcome, Proof, Result, Written
 from drivers.rate_limits import SUMMARY_EVERY_S, ChangeRateLimiter, RowRateLimiter
 from lift_manager.lift import audit
 from lift_manager.lift.call import Call, CallPhase
+from lift_manager.lift.config import Checkout
 from lift_manager.lift.events import (
     Acknowledged,
     Advised,
@@ -263,11 +264,15 @@ class _Link:
         _log.log(level, "%s: %s", self._lift, text, extra={"lift": self._lift})
 
 
-def manager_started(version: str, maps: Mapping[str, tuple[str, str, str]]) -> Row:
+def manager_started(
+    version: str, maps: Mapping[str, tuple[str, str, str]], checkouts: Mapping[str, Checkout] | None = None
+) -> Row:
     """Return the first row of a process; `maps` are access, map and the hash of the map as loaded, by lift."""
-    lifts: Json = {
+    lifts: dict[str, dict[str, Json]] = {
         lift: {"access": access, "map": name, "sha256": sha256} for lift, (access, name, sha256) in maps.items()
     }
+    for lift, checkout in (checkouts or {}).items():
+        lifts[lift]["checkout"] = {"sha256": checkout.sha256, "ended_at": checkout.ended_at.isoformat()}
     text = f"lift manager {version} started, {counted(len(maps), 'lift')}"
     return Row(RowKind.MANAGER, text, data={"version": version, "lifts": lifts})
 

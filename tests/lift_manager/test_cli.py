@@ -1,5 +1,6 @@
 """The command line as real processes: exit codes, what is printed where, and no traceback whatever it is given."""
 
+import os
 import re
 import signal
 import socket
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.cli.main import COMMANDS
+from lift_manager.store.place import store_path
 from register_maps.load import MAPS
 from tests.support.programs import HANGS_S, ROOT, call, run, run_each, running
 from tests.support.rows import each_row
@@ -42,6 +44,7 @@ FILES: dict[str, bytes] = {
     "good.yaml": GOOD.encode(),
     "three.yaml": GOOD.replace("Second: 3", "Second: 2, 3: 3").replace("access: control", "poll_s: 5").encode(),
     "one.yaml": GOOD.replace("Second: 3", "Second: 2").encode(),
+    "required.yaml": f"{GOOD}state: kept\nrequire_checkout: true\n".encode(),
     "program.yaml": b"\x7fELF\x02\x01\x01\x00\xff\xfe\xd0",
     "empty.yaml": b"",
     "tabs.yaml": b"schema: 1\nname: x\nlifts:\n\tmain: 1\n",
@@ -104,6 +107,8 @@ HELP = {
 CALLS: list[tuple[str, ...]] = [
     ("check", "good.yaml"),
     ("check", "three.yaml"),
+    ("check", "required.yaml"),
+    ("serve", "required.yaml", "--port", "0"),
     ("check", str(MAPS / "two-stop-agv.yaml")),
     *BAD_CALLS,
     *(("simulate", "--port", "0", *given.split()) for given, _ in BAD_SIMULATIONS),
@@ -141,11 +146,18 @@ def taken() -> Iterator[int]:
         yield other.getsockname()[1]
 
 
+def state_folder() -> Path:
+    """Where the site of `good.yaml` has its files, on the computer of this test run."""
+    return store_path("A building", None, Path("good.yaml"), os.environ).parent
+
+
 def test_check_says_of_a_good_site_file_what_is_in_it_and_exits_with_0(answers: Answers) -> None:
     done = answers("check", "good.yaml")
     assert (done.returncode, done.stderr) == (0, "")
+    missing = f"there is no checkout record of it in {state_folder()}"
     assert done.stdout.splitlines() == [
         "caution: main: map generic-registers is a template and was taken from no lift; compare every signal with the real lift",
+        f"caution: main: robots may use it, and {missing}; test and sign it with `lift-manager checkout good.yaml main`",
         "main: control, floors G, First, Second, map generic-registers (template)",
         "good.yaml: no mistakes",
     ]
@@ -167,6 +179,16 @@ def test_check_prints_every_mistake_with_file_line_and_key_counts_them_and_exits
         "three.yaml:9: lifts.main.floors.Second: code 2 is floor First already",
         "3 mistakes",
     ]
+
+
+@each_row(("call", "code"), [(("check", "required.yaml"), 2), (("serve", "required.yaml", "--port", "0"), 1)])
+def test_a_site_that_requires_a_checkout_record_is_refused_without_one(
+    answers: Answers, call: tuple[str, ...], code: int
+) -> None:
+    done = answers(*call)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert "there is no checkout record of it in " in done.stderr
+    assert "test and sign it with `lift-manager checkout required.yaml main`, or use `access: monitor`" in done.stderr
 
 
 @each_row("call", BAD_CALLS)

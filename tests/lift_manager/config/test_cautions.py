@@ -23,10 +23,6 @@ BUTTONS = """\
 """
 
 
-def test_nothing_is_said_of_checkout_records_that_nobody_can_make(tmp_path: Path) -> None:
-    assert about(tmp_path, GENERIC, "checkout") == []
-
-
 @each_row(
     ("codes", "expected"),
     [

@@ -53,6 +53,7 @@ def test_what_a_lift_can_do_and_what_its_signals_say_is_told() -> None:
         "generic-registers",
     )
     assert able["doors_at"] == {"L1": ["front"], "L2": ["front"]}
+    assert able["checkout"] is None
     (door,) = read(FakeSite(), "/lift/signals").json()["signals"]
     assert door["name"] == "door.front"
     assert (door["value"], door["raw"], door["age_s"]) == ("open", 2, 0.1)
