@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from lift_manager.commissioning.checkout.record import record_path, save
 from lift_manager.lab.bench import LiftSite
+from lift_manager.store.place import store_path
+from tests.lift_manager.commissioning.checkout.records import FAT, SAT
 from tests.support.pages import blocks, commands
 from tests.support.programs import ROOT, Started, call, free_port, run
 
@@ -108,6 +111,16 @@ def test_the_commands_of_a_lift_are_listed_shown_and_tried(folder: Path) -> None
             tried = run(*words(line), "--yes", "--for", "0", cwd=folder)
             assert tried.returncode == 0, tried
             assert "verified: " in tried.stdout
+
+
+def test_an_acceptance_test_is_reported_in_every_form_and_against_the_factory(folder: Path) -> None:
+    store = store_path("My first site", "kept", folder / "site.yaml", {})
+    for record in (FAT, SAT):
+        save(record_path(store, "east", record.stage), record.model_copy(update={"lift": "east"}))
+    save(folder / "fat-record.json", FAT)
+    for line in commands(HOW_TO / "checkout-report.md"):
+        assert "record sha256" in done(line)
+    assert {"report.html", "report.csv", "fat.json", "both.html"} <= {path.name for path in folder.iterdir()}
 
 
 def test_the_journal_is_read_exported_and_verified(folder: Path) -> None:

@@ -13,6 +13,8 @@ _WIDTH = 640.0
 _LABEL, _RIGHT = 110.0, 74.0
 """Room for the labels of the rows, and for the numbers behind the bars."""
 _ROW, _GAP, _TOP, _AXIS = 15.0, 7.0, 26.0, 30.0
+_PAGE = 740.0
+"""The most height of the bars of one chart. Chosen: with its axis and a heading it fits on a page."""
 _FILLS = ("#2b4a6b", "#a9bdd2")
 _GRID, _INK = "#d5d9de", "#222"
 _BINS = 24
@@ -23,17 +25,25 @@ _TAIL = 1.5
 def bars(title: str, series: Sequence[tuple[str, Sequence[Times]]]) -> str:
     """Return horizontal bars of medians, one group per label and one bar per series, with a dot for each measurement.
 
-    Empty without any measurement.
+    Several charts on one scale where one would not fit on a page; empty without any measurement.
     """
     labels = list(dict.fromkeys(times.label for _, found in series for times in found))
-    by_label = [{times.label: times for times in found} for _, found in series]
     seconds = [value for _, found in series for times in found for value in times.seconds]
     if not seconds:
         return ""
-    ticks = _ticks(max(seconds))
+    ticks, fits = _ticks(max(seconds)), int(_PAGE / (_ROW * len(series) + _GAP))
+    return "".join(
+        _bar_chart(title, labels[first : first + fits], series, ticks) for first in range(0, len(labels), fits)
+    )
+
+
+def _bar_chart(
+    title: str, labels: Sequence[str], series: Sequence[tuple[str, Sequence[Times]]], ticks: Sequence[float]
+) -> str:
     scale = (_WIDTH - _LABEL - _RIGHT) / ticks[-1]
     group = _ROW * len(series) + _GAP
     bottom = _TOP + group * len(labels)
+    by_label = [{times.label: times for times in found} for _, found in series]
     parts = [*_legend([name for name, _ in series]), *_grid(ticks, scale, bottom)]
     for index, label in enumerate(labels):
         top = _TOP + _GAP / 2 + index * group

@@ -339,6 +339,17 @@ def test_charts_show_each_floor_and_the_percentiles() -> None:
     assert doors.count("<circle") == 2
 
 
+def test_a_tower_has_several_charts_on_one_scale() -> None:
+    opens = tuple(Times(f"L{floor}", (2.0 + floor / 100,)) for floor in range(60))
+    found = charts.bars("Doors", [("door opens", opens), ("door closes", opens)])
+    first, *more = found.split("</svg>")[:-1]
+    assert len(more) == 2
+    assert [re.findall(r'"middle">([0-9.]+)<', chart) for chart in more] == [
+        re.findall(r'"middle">([0-9.]+)<', first)
+    ] * 2
+    assert found.count(">L0<") == found.count(">L59<") == 1
+
+
 def test_a_chart_of_nothing_is_left_out() -> None:
     assert charts.bars("Doors", [("door opens", ())]) == ""
     empty = UNSIGNED.model_copy(
