@@ -15,6 +15,7 @@ from lift_manager.commissioning.checkout.record import (
     Item,
     Outcome,
     Person,
+    Precondition,
     PunchEntry,
     Record,
     Result,
@@ -46,6 +47,7 @@ from lift_manager.commissioning.checkout.report.words import (
     phase,
     title,
     when,
+    without_repetitions,
 )
 
 _STYLE = """
@@ -68,10 +70,13 @@ th, td { border: 0.2mm solid #b4bac2; padding: 1mm 1.4mm; text-align: left; vert
 th { background: #e9edf2; font-weight: bold; }
 thead { display: table-header-group; }
 tr { break-inside: avoid; }
+tr.item td { border-bottom: 0; }
+tr.detail { break-before: avoid; break-inside: auto; }
+tr.detail td { border-top: 0; padding-top: 0; font-size: 7.2pt; color: #444; }
 table.facts th { width: 42mm; }
 table.fixed { table-layout: fixed; font-size: 8pt; }
 td.number { text-align: right; }
-td.number, .date { white-space: nowrap; }
+td.number, .whole { white-space: nowrap; }
 td.text { white-space: pre-line; }
 .remark { font-weight: normal; color: #1a1a1a; }
 .verdict { border: 0.6mm solid; border-left-width: 4mm; padding: 2.5mm 4mm; margin: 4mm 0; break-inside: avoid; }
@@ -87,7 +92,7 @@ td.bad { border-left-color: #b3261e; background: #fbeceb; } td.bad b, td.bad { c
 .page { break-before: page; }
 .signing td { height: 12mm; } .signing { break-inside: avoid; }
 .box { display: inline-block; width: 3.4mm; height: 3.4mm; border: 0.3mm solid #222; margin-right: 2mm; vertical-align: -0.4mm; }
-ul.plain { list-style: none; padding: 0; margin: 0; } ul.plain li { margin-bottom: 0.6mm; }
+ul.plain { list-style: none; padding: 0; margin: 0 0 3mm; } ul.plain li { margin-bottom: 0.6mm; }
 figure { display: inline-block; width: 88mm; margin: 0 2mm 4mm 0; vertical-align: top; break-inside: avoid; }
 figure img { max-width: 100%; max-height: 90mm; border: 0.2mm solid #b4bac2; }
 figcaption { font-size: 7.5pt; color: #444; overflow-wrap: anywhere; }
@@ -208,7 +213,10 @@ def _identity(record: Record) -> Iterator[str]:
             ("Map", f"{tested.name}: {tested.title}" if tested.title else tested.name),
             ("Controller", address(record)),
             ("Identity", controller.identity or "none given"),
-            ("Versions", ", ".join(f"{name} {version}" for name, version in record.versions.items())),
+            (
+                "Versions",
+                ", ".join(f"{name} {version}" for name, version in record.versions.items()) or "none recorded",
+            ),
         ),
         (
             ("Map (sha256)", tested.sha256),
@@ -237,13 +245,27 @@ def _conditions(record: Record) -> Iterator[str]:
     if not asked:
         yield "<p>No precondition is recorded.</p>"
         return
-    yield _head(("Precondition", 24), ("Asked", 28), ("Answer", 10), ("Number, file or reason", 20), ("By, when", 18))
-    for one in asked:
-        about = f"{TOPICS[one.topic]} (before {one.item})" if one.item else TOPICS[one.topic]
+    yield _head(
+        *(("Precondition", 19), ("Asked", 28), ("Answer", 9), ("Number, file or reason", 17), ("Before", 10)),
+        ("By, when", 17),
+    )
+    for one, items in _by_answer(asked):
         given = "; ".join(filter(None, (one.value, one.reason)))
         answer = '<td class="good">Yes</td>' if one.is_met else '<td class="fair">No</td>'
-        yield f"<tr>{_cells(about, one.text)}{answer}{_cells(given)}{_who(one.by, one.at)}</tr>"
+        before = ", ".join(f'<span class="whole">{escape(item)}</span>' for item in items)
+        yield (
+            f"<tr>{_cells(TOPICS[one.topic], one.text)}{answer}{_cells(given)}<td>{before}</td>{_who(one.by, one.at)}</tr>"
+        )
     yield "</tbody></table>"
+
+
+def _by_answer(asked: Iterable[Precondition]) -> Iterator[tuple[Precondition, list[str]]]:
+    """Yield answers that say the same once, the newest, with the items before which they were given."""
+    same: dict[tuple[object, ...], list[Precondition]] = {}
+    for one in asked:
+        same.setdefault((one.topic, one.text, one.is_met, one.value, one.reason, one.by), []).append(one)
+    for given in same.values():
+        yield given[-1], [one.item or "the test" for one in given]
 
 
 def _tests(record: Record, photos: Mapping[str, Photo]) -> Iterator[str]:
@@ -253,31 +275,36 @@ def _tests(record: Record, photos: Mapping[str, Photo]) -> Iterator[str]:
         phases = list(dict.fromkeys(phase(item.kind, record.stage) for item in items))
         yield f"<h2>{escape(group)}</h2>"
         yield f'<p class="norm">{escape("; ".join(phases))}.</p>'
-        yield _head(("No.", 7), ("Test", 28), ("Expected", 20), ("Result", 11), ("By, when", 13), ("Found", 21))
+        yield _head(("No.", 7), ("Test", 30), ("Expected", 24), ("Result", 11), ("By, when", 13), ("Note", 15))
         for item in items:
             yield _item(record, item, newest.get(item.id), photos)
         yield "</tbody></table>"
 
 
 def _item(record: Record, item: Item, result: Result | None, photos: Mapping[str, Photo]) -> str:
-    points = "".join(
-        f'<br><span class="address">{escape(_point(point.name, point.printed, point.wire))}</span>'
-        for point in item.points
-    )
-    test = f"<b>{escape(item.title)}</b><br>{escape(item.action)}{points}"
-    cells = f"<td>{escape(item.id)}</td><td>{test}</td><td>{escape(item.expected)}</td>"
+    """Return the row of an item, and below it one with its addresses and what was seen."""
+    test = f"<b>{escape(item.title)}</b><br>{escape(item.action)}"
+    cells = f'<td class="whole">{escape(item.id)}</td><td>{test}</td><td>{escape(item.expected)}</td>'
     if result is None:
         why = "changed since it was tested" if record.changed_since(item) else ""
-        return f'<tr>{cells}<td class="open">{OPEN}</td><td></td><td>{why}</td></tr>'
-    people = result.by + (f", confirmed by {result.confirmed_by}" if result.confirmed_by else "")
-    found = [result.note, "; ".join(figure_text(name, value) for name, value in result.figures.items())]
-    found += result.evidence
-    found += [_photo_text(photos.get(path, Photo(path))) for path in result.photos]
-    lines = "<br>".join(escape(line) for line in found if line)
-    return (
-        f'<tr>{cells}<td class="{_KINDS[result.outcome]}">{OUTCOMES[result.outcome]}</td>'
-        f"{_who(people, result.at)}<td>{lines}</td></tr>"
-    )
+        outcome, note, seen = f'<td class="open">{OPEN}</td><td></td>', why, []
+    else:
+        people = result.by + (f", confirmed by {result.confirmed_by}" if result.confirmed_by else "")
+        outcome = f'<td class="{_KINDS[result.outcome]}">{OUTCOMES[result.outcome]}</td>{_who(people, result.at)}'
+        photo_lines = [_photo_text(photos.get(path, Photo(path))) for path in result.photos]
+        note = "\n".join(filter(None, (result.note, *photo_lines)))
+        seen = [figure_text(name, value) for name, value in result.figures.items()]
+        seen += without_repetitions(result.evidence)
+    detail = [f'<span class="address">{escape(line)}</span>' for line in _addresses(item)]
+    detail += [" &middot; ".join(map(escape, seen))] if seen else []
+    below = f'<tr class="detail"><td></td><td colspan="5">{"<br>".join(detail)}</td></tr>' if detail else ""
+    return f'<tr class="{"item" if detail else ""}">{cells}{outcome}{_cells(note)}</tr>{below}'
+
+
+def _addresses(item: Item) -> Iterator[str]:
+    """Yield the addresses of each signal or command of an item, as printed and on the wire."""
+    for name, points in groupby(item.points, key=lambda point: point.name):
+        yield f"{name}: {', '.join(f'{point.printed} ({point.wire})' for point in points)}"
 
 
 def _timing(record: Record) -> Iterator[str]:
@@ -325,7 +352,7 @@ def _trips(record: Record) -> Iterator[str]:
 def _punch_list(record: Record) -> Iterator[str]:
     yield "<h2>Punch list</h2>"
     if not record.punch:
-        yield "<p>No open points.</p>"
+        yield "<p>No point is recorded.</p>"
         return
     yield (
         '<p class="small">A: robots may not use the lift before it is mended. B: to be mended by a date; robots may use the lift meanwhile under '
@@ -364,7 +391,7 @@ def _as_built(record: Record) -> Iterator[str]:
     listed = [one.value for one in current(record.preconditions) if one.topic is Topic.IO_LIST and one.value]
     yield f"<p>Against the approved I/O list{f' ({escape(listed[-1])})' if listed else ''}.</p>"
     if not record.as_built:
-        yield "<p>No change: what was found and tested is what was approved.</p>"
+        yield "<p>No change is recorded.</p>"
         return
     yield _head(("Subject", 18), ("Approved", 22), ("As built", 22), ("Reason", 22), ("By, when", 16))
     for one in record.as_built:
@@ -510,10 +537,6 @@ def _photo_text(photo: Photo) -> str:
     return f"photo {photo.path}" + (", see annex" if photo.data else "")
 
 
-def _point(name: str, printed: str, wire: str) -> str:
-    return f"{name}: {printed} ({wire})"
-
-
 def _person(person: Person | None) -> str:
     if person is None:
         return "nobody"
@@ -554,7 +577,7 @@ def _head(*columns: tuple[str, float]) -> str:
 def _who(by: str, at: datetime) -> str:
     """Return a cell with a name and a time that only breaks between date and hour."""
     date, _, hour = when(at).partition(" ")
-    return f'<td>{escape(by)}<br><span class="date">{date}</span> {hour}</td>'
+    return f'<td>{escape(by)}<br><span class="whole">{date}</span> {hour}</td>'
 
 
 def _row(cell: str, texts: Iterable[str]) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from datetime import UTC, datetime
+from itertools import groupby
 from typing import Final
 
 from lift_manager.commissioning.checkout.record import Outcome, Precondition, Record, Stage, Topic, Verdict
@@ -76,3 +79,13 @@ def title(record: Record) -> str:
 def current(preconditions: tuple[Precondition, ...]) -> tuple[Precondition, ...]:
     """Return the newest answer about each topic and item, in the order in which they were first given."""
     return tuple({(one.topic, one.item): one for one in preconditions}.values())
+
+
+def without_repetitions(evidence: tuple[str, ...]) -> Iterator[str]:
+    """Yield lines of evidence; writes that follow one another are listed once each, with their number."""
+    for is_written, lines in groupby(evidence, key=lambda line: line.startswith("written: ")):
+        if not is_written:
+            yield from lines
+        else:
+            for line, times in Counter(lines).items():
+                yield line if times == 1 else f"{line} ({times} times)"

@@ -34,7 +34,16 @@ from lift_manager.commissioning.checkout.report.figures import (
 )
 from lift_manager.commissioning.checkout.report.photos import LARGEST_MB, Photo, read_photos
 from lift_manager.commissioning.checkout.report.words import NO_EXAMINATION, headline
-from tests.lift_manager.commissioning.checkout.records import FAT, ITEMS, SAT, UNSIGNED, at, result, signed
+from tests.lift_manager.commissioning.checkout.records import (
+    FAT,
+    ITEMS,
+    PRECONDITIONS,
+    SAT,
+    UNSIGNED,
+    at,
+    result,
+    signed,
+)
 from tests.support.rows import each_row
 
 EVIL = '</style><script>alert(1)</script>"\'&\\0 =HYPERLINK("http://evil.example","G")'
@@ -100,6 +109,11 @@ def row_of(found: Page, first: str) -> list[str]:
     return next(row for row in found.rows if row and row[0] == first)
 
 
+def below(found: Page, number: str) -> str:
+    """Return what stands below an item: its addresses, and what was seen."""
+    return found.rows[found.rows.index(row_of(found, number)) + 1][1]
+
+
 def with_results(*results: Result, items: tuple[Item, ...] = ITEMS[:2]) -> Record:
     return UNSIGNED.model_copy(update={"items": items, "results": results, "punch_list": (), "trips": ()})
 
@@ -128,9 +142,10 @@ def test_an_item_has_its_addresses_its_result_who_when_and_what_was_seen(sat: Pa
         "hold_door.front: the watchdog of the controller releases it",
         "Pass",
         "Ana Keller, confirmed by Bo Lindqvist\n2026-11-23 09:00",
-        "released after 3 s\nchild killed at 09:12:04.3\nholding 117: 1 → 0 after 3.0 s",
+        "",
     ]
-    assert "fire: holding:5 bit 0 (holding 105 bit 0)" in row_of(sat, "S-09")[1]
+    assert below(sat, "A-04") == "released after 3 s · child killed at 09:12:04.3 · holding 117: 1 → 0 after 3.0 s"
+    assert below(sat, "S-09").startswith("fire: holding:5 bit 0 (holding 105 bit 0)\nholding 105 bit 0: 0 → 1 → 0 · ")
     assert row_of(sat, "S-11")[3] == "FAIL"
 
 
@@ -167,11 +182,26 @@ def test_the_summary_counts_results_by_group(sat: Page) -> None:
 
 
 def test_a_precondition_has_its_newest_answer_with_number_or_reason(sat: Page) -> None:
-    assert row_of(sat, "Permit to work")[2:4] == ["Yes", "PTW 4711"]
-    assert row_of(sat, "Fire panel isolated (before A-05)")[2:4] == [
+    assert row_of(sat, "Permit to work")[2:5] == ["Yes", "PTW 4711", "the test"]
+    assert row_of(sat, "Fire panel isolated")[2:5] == [
         "No",
         "tested with the fire brigade's line disconnected instead",
+        "A-05",
     ]
+
+
+def test_a_precondition_that_is_met_before_every_item_is_one_line() -> None:
+    empty = [one.model_copy(update={"item": item}) for one in PRECONDITIONS[2:3] for item in ("", "A-01", "A-02")]
+    found = page(UNSIGNED.model_copy(update={"preconditions": tuple(empty)}))
+    assert row_of(found, "Car empty")[2:5] == ["Yes", "", "the test, A-01, A-02"]
+
+
+def test_writes_that_repeat_are_counted() -> None:
+    evidence = ("pressed", "written: a := 1", "written: b := 1", "written: a := 1", "released", "written: a := 1")
+    found = page(with_results(result("S-01", Outcome.PASSED, 1, evidence=evidence)))
+    assert below(found, "S-01").endswith(
+        "pressed · written: a := 1 (2 times) · written: b := 1 · released · written: a := 1"
+    )
 
 
 def test_the_punch_list_has_severity_condition_and_who_accepted_it(sat: Page) -> None:
