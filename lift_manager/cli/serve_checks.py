@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -88,7 +89,7 @@ def _approvals(loaded: LoadedSite) -> Mapping[str, Approval]:
 
 
 def _test_advice(site_file: Path, lift: str) -> str:
-    return f"test and sign it with `lift-manager checkout {site_file} {lift}`"
+    return f"test and sign it with `lift-manager checkout {shlex.quote(str(site_file))} {lift}`"
 
 
 def allows_requests_without_keys(api: Api, host: str) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from html import escape
 from itertools import groupby
+from typing import Any
 
 from lift_manager.commissioning.checkout.record import (
     Fingerprint,
@@ -484,6 +485,8 @@ def _annex(record: Record, photos: Mapping[str, Photo]) -> Iterator[str]:
     yield from _earlier_results(record)
     if record.controller.fingerprint is not None:
         yield from _fingerprint_rows(record.controller.fingerprint)
+    if record.baseline is not None:
+        yield from _baseline(record.baseline)
     shown = [photo for photo in photos.values() if photo.data]
     if shown:
         items = {path: number for number, result in record.newest.items() for path in result.photos}
@@ -520,6 +523,22 @@ def _fingerprint_rows(taken: Fingerprint) -> Iterator[str]:
     served = "; ".join(f"{one.table} {one.first} to {one.last} (unit {one.unit})" for one in taken.served)
     words = "; ".join(f"{one.table} {one.address} = {one.value} (unit {one.unit})" for one in taken.constants)
     yield _facts((("Served", served or "not determined"), ("Never changes", words or "nothing found")))
+
+
+def _baseline(baseline: Mapping[str, Any]) -> Iterator[str]:
+    yield "<h2>Annex: as-left baseline</h2>"
+    yield (
+        "<p>What the doctor found when the lift was left; a later run is compared with it. The record has all of it.</p>"
+    )
+    listed = baseline.get("findings")
+    findings = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    if not findings:
+        yield "<p>It has no findings.</p>"
+        return
+    yield _head(("About", 16), ("Where", 22), ("Finding", 62))
+    for one in findings:
+        yield f"<tr>{_cells(*(str(one.get(key, '')) for key in ('subject', 'where', 'text')))}</tr>"
+    yield "</tbody></table>"
 
 
 def _outcome_text(result: Result | None) -> str:

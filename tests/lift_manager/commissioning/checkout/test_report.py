@@ -483,6 +483,13 @@ def test_a_photo_that_cannot_be_shown_is_named_with_the_reason(tmp_path: Path) -
     assert problem() == f"larger than {LARGEST_MB} MB"
 
 
+def test_the_as_left_baseline_is_an_annex() -> None:
+    finding = {"severity": "note", "subject": "plc", "where": "holding:1", "text": "answers in 12 ms", "cure": ""}
+    found = page(UNSIGNED.model_copy(update={"baseline": {"findings": [finding]}}))
+    assert row_of(found, "plc") == ["plc", "holding:1", "answers in 12 ms"]
+    assert "It has no findings." in page(UNSIGNED.model_copy(update={"baseline": {"findings": []}})).text
+
+
 def test_the_json_form_has_the_record_the_verdict_and_the_difference() -> None:
     found: dict[str, Any] = json.loads(as_json.render(SAT, FAT))
     assert Record.model_validate_json(json.dumps(found["record"])) == SAT
