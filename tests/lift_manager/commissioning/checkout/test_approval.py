@@ -7,7 +7,8 @@ import pytest
 
 from lift_manager.cli.serve_checks import cautions, obstacles, with_checkouts
 from lift_manager.commissioning.checkout.approval import PROOF_DAYS, find_approval
-from lift_manager.commissioning.checkout.plan import lift_digest
+from lift_manager.commissioning.checkout.engine import Checkout
+from lift_manager.commissioning.checkout.plan import lift_digest, make_plan
 from lift_manager.commissioning.checkout.record import (
     MapIdentity,
     Outcome,
@@ -20,11 +21,13 @@ from lift_manager.commissioning.checkout.record import (
     save,
 )
 from lift_manager.config.load import LoadedSite
-from lift_manager.lift.config import Checkout
+from lift_manager.lift import config
 from lift_manager.store.place import store_path
 from tests.lift_manager.commissioning.checkout.records import UNSIGNED, at, result, signed
 from tests.lift_manager.config.site_files import GENERIC, load
+from tests.support.checkout_rig import LIFT, Rig, TruthfulPerson, new_record, site_of
 from tests.support.rows import each_row
+from tests.support.virtual_time import run_virtual
 
 NOW = at(60 * 24)
 KEPT = ("name: A building", "name: A building\nstate: kept")
@@ -222,4 +225,23 @@ def test_the_manager_knows_the_record_by_its_hash_and_date(loaded: LoadedSite) -
     assert with_checkouts(loaded).checkouts == {}
     record = record_of(loaded)
     keep(loaded, record)
-    assert with_checkouts(loaded).checkouts == {"main": Checkout(record.sha256, at(122))}
+    assert with_checkouts(loaded).checkouts == {"main": config.Checkout(record.sha256, at(122))}
+
+
+def test_a_test_that_was_run_to_its_end_and_signed_lets_robots_use_the_lift(tmp_path: Path) -> None:
+    bench = site_of(tmp_path)
+    store = tmp_path / "kept" / "bench.db"
+    item = make_plan(bench, LIFT, Stage.SAT)[:1]
+
+    async def main() -> None:
+        rig, path = Rig(bench), record_path(store, LIFT, Stage.SAT)
+        test = Checkout(
+            new_record(bench, item), lambda record: save(path, record), TruthfulPerson(rig), rig, rig.codec, ["plc"]
+        )
+        await test.run(item)
+        assert find_approval(store, bench, LIFT, NOW).problem.endswith("is not finished")
+        await test.close()
+
+    run_virtual(main, limit_s=3000.0)
+    found = find_approval(store, bench, LIFT, NOW)
+    assert (found.problem, found.cautions) == ("", ())
