@@ -68,7 +68,7 @@ def report(
         form = _FORMS[check_ending(output, _FORMS)]
         path = file if lift is None else _record_of(file, lift, stage)
         record = _load(path, lift)
-        earlier_path = against if against is not None else _fat_beside(path, record)
+        earlier_path = against if against is not None else _fat_of_the_same_lift(path, record)
         earlier = None if earlier_path is None else _load(earlier_path, None)
         save({output: form(record, earlier, path.parent)}, force=force)
     except (RecordUnusable, OutputRefused) as error:
@@ -99,7 +99,7 @@ def _load(path: Path, lift: str | None) -> Record:
     return record
 
 
-def _fat_beside(path: Path, record: Record) -> Path | None:
+def _fat_of_the_same_lift(path: Path, record: Record) -> Path | None:
     """Return the record of the factory acceptance test next to that of the site acceptance test of the same lift, if there is one."""
     if record.stage is not Stage.SAT:
         return None

@@ -242,15 +242,15 @@ def _conditions(record: Record) -> Iterator[str]:
         '<p class="small">Only the lift technician disconnects or simulates an input. The safety chain is not touched, and nobody works in the '
         "shaft.</p>"
     )
-    asked = current(record.preconditions)
-    if not asked:
+    answers = current(record.preconditions)
+    if not answers:
         yield "<p>No precondition is recorded.</p>"
         return
     yield _head(
         *(("Precondition", 19), ("Asked", 28), ("Answer", 9), ("Number, file or reason", 17), ("Before", 10)),
         ("By, when", 17),
     )
-    for one, items in _by_answer(asked):
+    for one, items in _by_answer(answers):
         given = "; ".join(filter(None, (one.value, one.reason)))
         answer = '<td class="good">Yes</td>' if one.is_met else '<td class="fair">No</td>'
         before = ", ".join(f'<span class="whole">{escape(item)}</span>' for item in items)
@@ -260,10 +260,10 @@ def _conditions(record: Record) -> Iterator[str]:
     yield "</tbody></table>"
 
 
-def _by_answer(asked: Iterable[Precondition]) -> Iterator[tuple[Precondition, list[str]]]:
+def _by_answer(answers: Iterable[Precondition]) -> Iterator[tuple[Precondition, list[str]]]:
     """Yield answers that say the same once, the newest, with the items before which they were given."""
     same: dict[tuple[object, ...], list[Precondition]] = {}
-    for one in asked:
+    for one in answers:
         same.setdefault((one.topic, one.text, one.is_met, one.value, one.reason, one.by), []).append(one)
     for given in same.values():
         yield given[-1], [one.item or "the test" for one in given]
