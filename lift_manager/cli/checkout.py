@@ -193,18 +193,13 @@ def _difference(before: Fingerprint, found: Fingerprint) -> str:
 def _begin(
     loaded: LoadedSite, lift: str, stage: Stage, plan: tuple[Item, ...], people: People, identity: str
 ) -> Record:
-    entry = loaded.site.lifts[lift]
-    device = devices(loaded.site, entry, loaded.maps[lift].map)[""]
-    controller = loaded.site.controllers[device.controller]
     return Record(
         stage=stage,
         site=loaded.site.name,
         lift=lift,
-        floors={name: floor.code for name, floor in entry.floors.items()},
+        floors={name: floor.code for name, floor in loaded.site.lifts[lift].floors.items()},
         map=_map_identity(loaded, lift),
-        controller=Controller(
-            name=device.controller, host=controller.host, port=controller.port, unit=device.unit_id, identity=identity
-        ),
+        controller=_controller(loaded, lift, identity),
         versions=_versions(),
         people=people,
         items=plan,
@@ -215,7 +210,11 @@ def _begin(
 def _resumed(
     loaded: LoadedSite, lift: str, record: Record, plan: tuple[Item, ...], people: People, identity: str
 ) -> Record:
-    """Return a record with the plan as it is now, and print what has to be done again because of it."""
+    """Return a record with the plan as it is now, and print what has to be done again because of it.
+
+    A controller with another address is the same one as long as its fingerprint is.
+    """
+    before = record.controller
     renewed = record.model_copy(
         update={
             "items": plan,
@@ -223,7 +222,7 @@ def _resumed(
             "floors": {name: floor.code for name, floor in loaded.site.lifts[lift].floors.items()},
             "versions": _versions(),
             "people": people,
-            "controller": record.controller.model_copy(update={"identity": identity or record.controller.identity}),
+            "controller": _controller(loaded, lift, identity or before.identity, before.fingerprint),
         }
     )
     if renewed.map != record.map:
@@ -231,6 +230,19 @@ def _resumed(
         what = f"to be done again: {', '.join(again)}" if again else "no item that was done depends on it"
         print_lines([f"the map or the site file has changed since; {what}"])
     return renewed
+
+
+def _controller(loaded: LoadedSite, lift: str, identity: str, fingerprint: Fingerprint | None = None) -> Controller:
+    device = devices(loaded.site, loaded.site.lifts[lift], loaded.maps[lift].map)[""]
+    place = loaded.site.controllers[device.controller]
+    return Controller(
+        name=device.controller,
+        host=place.host,
+        port=place.port,
+        unit=device.unit_id,
+        identity=identity,
+        fingerprint=fingerprint,
+    )
 
 
 def _chosen(record: Record, *, failed: bool, ids: Sequence[str]) -> list[Item]:

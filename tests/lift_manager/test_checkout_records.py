@@ -10,12 +10,12 @@ import pytest
 
 from lift_manager.cli.serve_checks import with_checkouts
 from lift_manager.commissioning.checkout.plan import lift_digest
-from lift_manager.commissioning.checkout.record import MapIdentity, Outcome, Record, Stage, record_path, save
+from lift_manager.commissioning.checkout.record import MapIdentity, Outcome, Record, Stage, load, record_path, save
 from lift_manager.config.load import load_site
 from lift_manager.store.place import store_path
 from tests.lift_manager.commissioning.checkout.records import FAT, SAT, UNSIGNED, result, signed
 from tests.lift_manager.test_operate import LIFT, Site
-from tests.support.programs import Started, call
+from tests.support.programs import Started, call, free_port, run
 from tests.support.rows import each_row
 
 SITE = """\
@@ -93,6 +93,21 @@ def test_a_file_that_is_there_is_replaced_only_if_that_is_asked_for(folder: Path
 @pytest.mark.usefixtures("folder")
 def test_what_cannot_be_reported_is_said_in_one_sentence(words: str, code: int, problem: str) -> None:
     assert problem in report(*words.split(), code=code).stderr
+
+
+def test_a_test_that_goes_on_has_the_address_at_which_the_controller_is_now(folder: Path) -> None:
+    site = folder / "site.yaml"
+    site.write_text(SITE.replace("host: 192.0.2.10", f"host: 127.0.0.1, port: {free_port()}"), "utf-8")
+    done = run("checkout", str(site), "bed-lift", "--by", "Ana Keller")
+    assert done.returncode == 1  # nothing answers there
+    loaded = load_site(site)
+    after = load(record_path(store_path("Main hospital", "kept", site, {}), "bed-lift", Stage.SAT))
+    assert after is not None
+    assert (after.controller.host, after.controller.port) == ("127.0.0.1", loaded.site.controllers["plc"].port)
+    assert (after.controller.identity, after.controller.fingerprint) == (
+        SAT.controller.identity,
+        SAT.controller.fingerprint,
+    )
 
 
 @pytest.fixture

@@ -134,6 +134,7 @@ ITEMS = (
             "The manager takes the car from floor to floor as for a robot, 5 times.",
             "Every trip ends at the right floor with the door open, and takes no longer than the robot can wait.",
         ),
+        subject="5",
     ),
     _item(
         "R-01",
