@@ -8,7 +8,7 @@ import math
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 
 import pytest
@@ -77,7 +77,10 @@ def allowed() -> None:
     return None
 
 
-def compiled(golden: Golden) -> Codec:
+@cache
+def codec_of(title: str) -> Codec:
+    """The map that the vectors of this title are about, read once for all tests: it never changes."""
+    (golden,) = (golden for golden in GOLDEN if golden.title == title)
     changes = MapChanges(parameters=golden.parameters, override=golden.override)
     return compile_map(load(golden.map_name, changes=changes).map)
 
@@ -167,7 +170,7 @@ class Bench:
 @asynccontextmanager
 async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterator[Caller]:
     """The real driver on this bench."""
-    codec = compiled(golden)
+    codec = codec_of(golden.title)
     links = {
         device: Link(partial(MemoryWire, bench.answers(device)), LinkSettings(), name=device or "plc")
         for device in ("", *codec.map.endpoints)
@@ -298,7 +301,7 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
                     await elapse(POLL_S)
 
             # so long that the car is known to stand; a lift with an alive counter, which stands still here, tells motion
-            codec = compiled(golden)
+            codec = codec_of(golden.title)
             still_s = codec.map.at_floor_evidence.for_s or (0.0 if "alive" in codec.signals else STILL_S)
             await poll(loop.time() + max(1.0, still_s + POLL_S))
             if vector.before is not None:
@@ -335,7 +338,7 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
 @each_row("golden", [golden for golden in GOLDEN if golden.face])
 def test_the_simulated_lift_meets_the_same_bytes_as_a_lift_of_this_map_would(golden: Golden) -> None:
     building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(len(golden.floors))))
-    face = RegisterFace(compiled(golden), tuple(golden.floors.values()), building, key=Key(golden.key))
+    face = RegisterFace(codec_of(golden.title), tuple(golden.floors.values()), building, key=Key(golden.key))
 
     async def main() -> None:
         now = 0.0

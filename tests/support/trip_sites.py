@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from lift_manager.lab.plant import default_floors
@@ -83,8 +84,14 @@ class Site:
     """Names and codes, lowest floor first."""
 
 
-def site_of(name: str, completions: Mapping[str, Completion] = COMPLETIONS) -> Site:
-    """Return a shipped map as it is used here. Raises Incomplete if it lacks something still."""
+@cache
+def site_of(name: str) -> Site:
+    """Return a shipped map as it is used here, made once for all tests of a process. Raises Incomplete if it lacks something still."""
+    return completed_site(name, COMPLETIONS)
+
+
+def completed_site(name: str, completions: Mapping[str, Completion]) -> Site:
+    """Return a shipped map with what completes it. Raises Incomplete if it lacks something still."""
     added = completions.get(name, Completion())
     loaded = load(name, changes=MapChanges(added.parameters, added.override))
     codec = compile_map(loaded.map)

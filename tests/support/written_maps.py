@@ -1,5 +1,6 @@
 """Maps written down in a test, checked as a file would be."""
 
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,8 +20,9 @@ not_visible: {fire: nothing burns in a test}
 """
 
 
+@cache
 def written_map(text: str, head: str = HEAD) -> Codec:
-    """Compile a map from its head and the rest; a mistake in it fails the test with every finding."""
+    """Compile a map from its head and the rest, once for all tests of a process; a mistake in it fails the test with every finding."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "written.yaml"
         path.write_text(head + text, encoding="utf-8")
