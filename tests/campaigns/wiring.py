@@ -152,7 +152,7 @@ def play(
         "controller": "plc",
         "access": "control",
         "floors": dict(floors),
-        "poll_s": max(0.2, loaded.map.link.min_poll_s),
+        "poll_s": max(0.4, loaded.map.link.min_poll_s),
         "endpoints": {endpoint: {"controller": endpoint} for endpoint in endpoints},
         "infer_occupancy": True,
         "accept_latching": "the controller is simulated",

@@ -1,4 +1,4 @@
-"""A lift on devices in memory, polled every 0.1 s, for tests of what it writes."""
+"""A lift on devices in memory, polled every 0.2 s, for tests of what it writes."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
@@ -31,7 +31,7 @@ def allowed() -> None:
 
 @dataclass
 class Rig:
-    """A lift, its devices in memory, and a poll every 0.1 s."""
+    """A lift, its devices in memory, and a poll every 0.2 s."""
 
     lift: Caller
     devices: Mapping[str, MemoryDevice]
@@ -76,7 +76,7 @@ async def rig(
                 made.readings.append(await made.lift.read())
             except DriverError as error:
                 made.errors.append(error)
-            await elapse(0.1)
+            await elapse(0.2)
 
     work = (*(link.run() for link in links.values()), made.lift.run(), poll())
     running = [asyncio.ensure_future(part) for part in work]

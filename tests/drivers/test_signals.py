@@ -148,7 +148,7 @@ def test_the_points_of_further_devices_are_told_with_their_name() -> None:
         assert (door.value, door.raw, door.addresses) == ("open", 1, ("sensor/discrete:1",))
         assert door.wire == ("sensor/discrete 1",)
         assert door.age_s is not None
-        assert 0.0 < door.age_s < 0.3
+        assert 0.0 < door.age_s < 0.4
         devices["sensor"].connect_problem = None
         devices["sensor"].fall_silent(60.0)
         await elapse(10.0)

@@ -114,7 +114,7 @@ def test_a_hold_that_nobody_renews_falls_max_hold_s_after_the_first_look() -> No
     async def check(made: Rig) -> None:
         await elapse(8.9)
         assert made.lift.held(HOLD_FRONT)
-        await elapse(0.3)
+        await elapse(0.4)
         assert device.values[Table.COIL][8] == 0
 
     on_rig(check, SINGLE, {"": device}, first=adopting(HOLD_FRONT))
@@ -184,7 +184,7 @@ def test_what_is_not_adopted_is_cleared_and_what_is_adopted_beside_it_never_flic
 
 def test_no_cycle_and_no_heartbeat_writes_over_what_may_be_on_before_the_first_look() -> None:
     device = left_on({Table.COIL: {1: 1}})
-    device.fail_next(exception(4), times=30, on=lambda request: not request.is_write)
+    device.fail_next(exception(4), times=15, on=lambda request: not request.is_write)
 
     async def check(made: Rig) -> None:
         assert device.writes == []

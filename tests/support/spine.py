@@ -131,7 +131,7 @@ async def spine(
     lease_s: float = 300.0,
     max_session_hold_s: float = 900.0,
     clear_s: float = 10.0,
-    poll_s: float = 0.2,
+    poll_s: float = 0.4,
     infer_occupancy: bool = False,
     between_sessions_s: float = 0.0,
     fire_release_delay_s: float = 0.0,

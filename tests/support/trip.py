@@ -38,7 +38,7 @@ START_S = 2.5
 """From the start to the first word of a test: more than two polls of the slowest map."""
 POLL_TAKES_S = 0.1
 """From the first request of a poll to its last, and less than from poll to poll."""
-LOOK_S = 0.1
+LOOK_S = 0.2
 """Between two looks at the published state."""
 ROBOT = Holder("rmf", "fleet/robot1")
 
@@ -319,7 +319,7 @@ def on_trip(
     """Run a check on virtual time and return the trip, with all that was said on it."""
 
     async def main() -> Trip:
-        async with trip(site, plant, in_words=in_words, door_proven=door_proven) as made:
+        async with trip(site, plant, in_words=in_words, door_proven=door_proven, poll_s=0.4) as made:
             await check(made)
             return made
 

@@ -84,7 +84,7 @@ def local(check: Callable[[Both], Awaitable[None]], rules: RmfRules | None = Non
         await check(both)
         both.local.close()
 
-    on_bench(on, PLAIN)
+    on_bench(on, PLAIN, poll_s=0.2)
 
 
 def test_the_lifts_are_told_at_once_with_what_the_site_says() -> None:

@@ -35,7 +35,7 @@ IN_THE_DOOR, UNDER_WAY = 3.0, 7.0
 
 def played(distribution: str, *events: Event, way_s: float = 0.0) -> Played:
     """What became of it; nothing may have gone wrong, and nobody had to help."""
-    found = play(Setting(distribution=distribution, seed=7, speed=5.0, way_s=way_s), events)
+    found = play(Setting(distribution=distribution, seed=7, speed=5.0, way_s=way_s, poll_s=0.4), events)
     assert [str(one) for one in found.findings] == []
     assert found.helped == 0
     return found

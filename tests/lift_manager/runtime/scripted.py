@@ -432,7 +432,7 @@ def on_bench(
     max_session_s: float = 3600.0,
     clear_s: float = 10.0,
     takeover_after_s: float | None = None,
-    poll_s: float = 0.2,
+    poll_s: float = 0.4,
     recorder: Recorder | None = None,
     clock: Clock | None = None,
     found: LiftValues = AT_L2,

@@ -43,7 +43,7 @@ def test_a_door_is_let_go_of_once_robot_mode_was_missing_for_long_and_held_again
         assert invites(made)
         assert made.state.restrictions.waiting_for == ""
 
-    on_bench(check, WITH_MODE)
+    on_bench(check, WITH_MODE, poll_s=0.2)
 
 
 def test_a_mode_that_is_back_in_time_changes_nothing_and_the_time_begins_anew() -> None:

@@ -289,7 +289,7 @@ def test_a_lease_ends_between_two_polls() -> None:
         await elapse(31)
         assert [event.reason for event in only(await heard(made.heard), SessionEnded)] == ["lease"]
 
-    on_bench(check, PLAIN, lease_s=30.0)
+    on_bench(check, PLAIN, lease_s=30.0, poll_s=0.2)
 
 
 # -- the end

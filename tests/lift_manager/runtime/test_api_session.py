@@ -432,4 +432,4 @@ def test_the_hold_of_a_door_that_is_shut_holds_nothing_although_its_point_reads_
                 assert not made.read(session).door_held
         assert shut > 20, "the lift has let go of its door"
 
-    on_spine(check, like=Parameters(drops_stuck_button_s=5.0))
+    on_spine(check, like=Parameters(drops_stuck_button_s=5.0), poll_s=0.2)

@@ -47,7 +47,7 @@ def test_a_call_that_the_controller_dropped_at_the_open_door_is_pressed_again_by
         assert made.state.restrictions.waiting_for == ""
         assert made.robot_door() is RobotDoor.OPEN
 
-    on_bench(check, BY_DOOR)
+    on_bench(check, BY_DOOR, poll_s=0.2)
 
 
 def test_a_call_that_is_dropped_each_time_is_pressed_more_and_more_rarely() -> None:
@@ -60,7 +60,7 @@ def test_a_call_that_is_dropped_each_time_is_pressed_more_and_more_rarely() -> N
             await elapse(0.5)
         assert 5 <= len(made.presses) <= 7
 
-    on_bench(check, BY_DOOR)
+    on_bench(check, BY_DOOR, poll_s=0.2)
 
 
 def test_a_call_for_the_robot_aboard_is_pressed_again_where_it_gets_out() -> None:
@@ -75,7 +75,7 @@ def test_a_call_for_the_robot_aboard_is_pressed_again_where_it_gets_out() -> Non
         await elapse(5)
         assert made.presses[-2:] == ["go L3"] * 2
 
-    on_bench(check, BY_DOOR)
+    on_bench(check, BY_DOOR, poll_s=0.2)
 
 
 def test_a_call_that_was_let_go_because_its_time_has_come_is_not_missed() -> None:
@@ -105,7 +105,7 @@ def test_a_call_whose_hold_is_spent_is_not_missed() -> None:
         assert made.state.restrictions.waiting_for == ""
         assert made.robot_door() is RobotDoor.MOVING
 
-    on_bench(check, BY_DOOR, max_session_hold_s=10.0, clear_s=3.0)
+    on_bench(check, BY_DOOR, max_session_hold_s=10.0, clear_s=3.0, poll_s=0.2)
 
 
 def test_a_call_that_a_key_switch_let_go_of_is_pressed_again_once_robots_may_come() -> None:
@@ -122,7 +122,7 @@ def test_a_call_that_a_key_switch_let_go_of_is_pressed_again_once_robots_may_com
         await elapse(0.5)
         assert made.presses == ["call L1"] * 2
 
-    on_bench(check, BY_DOOR)
+    on_bench(check, BY_DOOR, poll_s=0.2)
 
 
 @pytest.mark.parametrize("able", [BY_DOOR, PERMITTING], ids=["call opens", "stands long enough"])
@@ -135,7 +135,7 @@ def test_at_a_door_that_people_opened_the_call_is_pressed_all_the_same(able: Cap
         assert made.presses == ["call L1"]
         assert made.robot_door() is RobotDoor.OPEN
 
-    on_bench(check, able)
+    on_bench(check, able, poll_s=0.2)
 
 
 def test_a_door_that_shut_on_a_waiting_robot_is_opened_again_by_its_next_request() -> None:
@@ -153,7 +153,7 @@ def test_a_door_that_shut_on_a_waiting_robot_is_opened_again_by_its_next_request
         await elapse(4)
         assert made.presses == ["call L1"] * 2
 
-    on_bench(check, BY_DOOR)
+    on_bench(check, BY_DOOR, poll_s=0.2)
 
 
 @pytest.mark.parametrize("able", [BY_DOOR, PERMITTING, TWO_STOP], ids=["door open", "stable", "two stops"])

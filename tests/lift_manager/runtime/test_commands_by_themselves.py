@@ -98,7 +98,7 @@ def test_the_door_stays_held_until_the_robot_aboard_is_announced_whatever_the_ne
         await elapse(0.4)
         assert "hold_door.front" in made.driver.on
 
-    on_bench(check, needs)
+    on_bench(check, needs, poll_s=0.2)
 
 
 def test_a_word_that_waits_for_a_grant_lets_go_of_the_door_and_the_lease_stands_still() -> None:

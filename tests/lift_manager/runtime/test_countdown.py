@@ -46,7 +46,7 @@ def test_a_renewal_restores_open_at_once_and_moves_the_countdown() -> None:
         await elapse(49)
         assert made.robot_door() is RobotDoor.OPEN
 
-    on_bench(check, PLAIN, lease_s=60.0)
+    on_bench(check, PLAIN, lease_s=60.0, poll_s=0.2)
 
 
 def test_a_renewal_changes_nothing_where_another_limit_comes_first() -> None:
@@ -62,7 +62,7 @@ def test_a_renewal_changes_nothing_where_another_limit_comes_first() -> None:
         assert made.state.releases_in_s == pytest.approx(left_s)
         assert made.robot_door() is RobotDoor.MOVING
 
-    on_bench(check, PLAIN, max_session_hold_s=60.0)
+    on_bench(check, PLAIN, max_session_hold_s=60.0, poll_s=0.2)
 
 
 def test_a_lift_that_nobody_holds_counts_down_to_nothing() -> None:
@@ -101,7 +101,7 @@ def test_the_limit_of_a_hold_ends_it_though_the_lift_cannot_be_read() -> None:
         assert made.driver.on == set()
         assert made.state.holder == ROBOT
 
-    on_bench(check, PLAIN, max_session_hold_s=60.0)
+    on_bench(check, PLAIN, max_session_hold_s=60.0, poll_s=0.2)
 
 
 def test_a_hold_begins_from_the_beginning_once_the_car_has_left_and_come_back() -> None:
@@ -125,4 +125,4 @@ def test_a_hold_begins_from_the_beginning_once_the_car_has_left_and_come_back() 
         assert made.driver.on == {"hold_door.front"}
         assert made.state.releases_in_s == pytest.approx(60.0, abs=3.0)
 
-    on_bench(check, PLAIN, max_session_hold_s=60.0, recorder=memory)
+    on_bench(check, PLAIN, max_session_hold_s=60.0, recorder=memory, poll_s=0.2)

@@ -80,7 +80,7 @@ def test_a_call_that_another_one_takes_the_place_of_is_rejected_before_its_press
         assert ends(made.now(session, pressed)) == (CommandState.UNCONFIRMED, "another request took its place")
         assert (await made.ended(session, second)).state is CommandState.CONFIRMED
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.2)
 
     async def unpressed(made: Bench) -> None:
         session = made.opened()
@@ -90,7 +90,7 @@ def test_a_call_that_another_one_takes_the_place_of_is_rejected_before_its_press
         assert made.presses == []
 
     needs = replace(PLAIN, requires={"go_to": frozenset({"ready"})}, signals=PLAIN.signals | {"robot_mode_on"})
-    on_bench(unpressed, needs)
+    on_bench(unpressed, needs, poll_s=0.2)
 
 
 def test_a_repeat_of_a_call_shares_its_fate_and_presses_nothing() -> None:
@@ -322,7 +322,7 @@ def test_what_was_pressed_is_unconfirmed_once_the_session_is_over() -> None:
         made.closed(session)
         assert made.now(session, went).state is CommandState.UNCONFIRMED
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.2)
 
 
 def test_a_request_that_many_came_after_is_not_left_pending_for_whoever_waits() -> None:

@@ -106,7 +106,7 @@ def test_the_call_stays_on_until_the_lift_has_taken_the_word_in_place() -> None:
         await elapse(0.3)
         assert "call" not in made.driver.on
 
-    on_bench(check)
+    on_bench(check, poll_s=0.2)
 
 
 def test_a_call_that_keeps_the_door_open_is_renewed_while_the_robot_takes_its_time() -> None:
@@ -212,7 +212,7 @@ def test_a_two_stop_lift_is_sent_on_by_the_robot_being_in_place(*, infer: bool) 
         assert made.driver.on == set()
         assert await made.alarms() == []
 
-    on_bench(check, TWO_STOP, infer=infer)
+    on_bench(check, TWO_STOP, infer=infer, poll_s=0.2)
 
 
 def test_a_release_after_the_door_shut_is_one_where_only_the_open_door_tells_the_floor() -> None:

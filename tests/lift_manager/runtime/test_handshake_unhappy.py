@@ -208,7 +208,7 @@ def test_twenty_repeats_of_every_request_press_nothing_twice() -> None:
             await elapse(0.2)
         assert made.presses == ["call L1", "robot_in_place", "go L3", "robot_left"]
 
-    on_bench(check)
+    on_bench(check, poll_s=0.2)
 
 
 def test_a_session_that_ends_while_the_word_in_place_is_on_its_way_sends_nothing_on() -> None:

@@ -62,7 +62,7 @@ def test_a_lockout_ends_the_session_and_lets_everything_go_but_robot_mode_under_
         assert outputs(made) == [0, 0, 0, 0]
         assert len(made.presses()) == pressed
 
-    on_spine(check)
+    on_spine(check, poll_s=0.2)
 
 
 def test_a_lockout_is_told_to_the_robot_and_to_everybody_who_asks() -> None:
@@ -195,7 +195,7 @@ def test_the_open_door_of_a_lift_that_is_locked_out_invites_nobody() -> None:
             assert made.state.robot_door is not RobotDoor.OPEN
             await elapse(0.1)
 
-    on_spine(check)
+    on_spine(check, poll_s=0.2)
 
 
 REPORTING = replace(
@@ -278,7 +278,7 @@ def test_a_person_withdraws_open_at_once_and_the_door_is_released_clear_s_later(
             (ended,) = only(await heard(listener), SessionEnded)
         assert ended.reason is reason
 
-    on_spine(check)
+    on_spine(check, poll_s=0.2)
 
 
 def test_a_robot_in_the_door_has_clear_s_though_the_hold_was_not_answered_a_moment_ago() -> None:
@@ -294,7 +294,7 @@ def test_a_robot_in_the_door_has_clear_s_though_the_hold_was_not_answered_a_mome
         await elapse(2.0)
         assert made.driver.on == set()
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.2)
 
 
 def test_a_robot_in_the_door_has_clear_s_though_a_restart_does_not_know_yet_where_the_car_stands() -> None:
@@ -311,9 +311,9 @@ def test_a_robot_in_the_door_has_clear_s_though_a_restart_does_not_know_yet_wher
         await elapse(2.0)
         assert made.driver.log == ["let go hold_door.front"]
 
-    on_bench(before, PLAIN, recorder=memory)
+    on_bench(before, PLAIN, recorder=memory, poll_s=0.2)
     nobody_knows = LiftValues(floor=None, mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
-    on_bench(after, PLAIN, recorder=memory, found=nobody_knows, left_on=frozenset({"hold_door.front"}))
+    on_bench(after, PLAIN, recorder=memory, found=nobody_knows, left_on=frozenset({"hold_door.front"}), poll_s=0.2)
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
@@ -337,10 +337,12 @@ def test_a_robot_in_the_door_has_clear_s_from_a_persons_word_also_over_a_crash(
         assert made.driver.log == ["let go hold_door.front"]
         assert made.state.holder is None
 
-    on_bench(before, PLAIN, recorder=memory, clock=lambda: AT)
+    on_bench(before, PLAIN, recorder=memory, clock=lambda: AT, poll_s=0.2)
     at_l1 = LiftValues(floor="L1", mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
     at = AT + timedelta(seconds=4)
-    on_bench(after, PLAIN, recorder=memory, clock=lambda: at, found=at_l1, left_on=frozenset({"hold_door.front"}))
+    on_bench(
+        after, PLAIN, recorder=memory, clock=lambda: at, found=at_l1, left_on=frozenset({"hold_door.front"}), poll_s=0.2
+    )
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
@@ -364,7 +366,7 @@ def test_a_hold_that_the_controller_loses_after_a_persons_word_is_not_pressed_ag
             await elapse(0.1)
         assert made.state.quality is Quality.LIVE
 
-    on_spine(check)
+    on_spine(check, poll_s=0.2)
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])

@@ -87,7 +87,7 @@ def test_a_holder_that_asks_for_another_floor_sees_what_it_waits_for_and_the_log
     journal = MemoryRecorder()
 
     async def main() -> None:
-        async with spine(recorder=journal) as lift:
+        async with spine(recorder=journal, poll_s=0.2) as lift:
             lift.accept("L2")
             await lift.until(lambda _: opened("L2", lift))
             journal.trouble = FULL

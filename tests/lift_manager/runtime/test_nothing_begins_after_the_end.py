@@ -25,7 +25,7 @@ GO_TO_L2 = Command(CommandKind.GO_TO, "L2")
 
 async def written_after_the_end(map_name: str, since_poll_s: float) -> list[str]:
     """Ask for the highest floor, and end the session a hundredth of a second later; returns what was switched on after that."""
-    async with spine(map_name) as made:
+    async with spine(map_name, poll_s=0.2) as made:
         made.device.delay_s = ANSWERS_S
         await elapse(2.0 + since_poll_s)
         begun = len(made.device.writes)

@@ -212,7 +212,7 @@ def test_a_hold_that_was_spent_begins_again_at_a_repeat_once_the_door_was_shut_a
         await elapse(12)
         assert made.state.robot_door is RobotDoor.OPEN  # a whole hold, and not the rest of the one before
 
-    on_spine(check, max_session_hold_s=20, clear_s=3, between_sessions_s=5)
+    on_spine(check, max_session_hold_s=20, clear_s=3, between_sessions_s=5, poll_s=0.2)
 
 
 def test_a_lost_pulse_is_pressed_again_only_on_a_repeat_and_only_after_a_pause() -> None:
@@ -261,7 +261,7 @@ def test_fire_lets_everything_go_at_once_and_no_door_invites_a_robot_in() -> Non
         await elapse(2)
         assert made.refuse("L2").code is Refusal.FIRE_LATCHED
 
-    on_spine(check)
+    on_spine(check, poll_s=0.2)
 
 
 def test_a_silent_controller_makes_the_lift_offline_within_its_age_limit_and_it_heals_alone() -> None:
@@ -327,4 +327,4 @@ def test_a_release_under_way_keeps_robot_mode_until_the_car_stands() -> None:
             await elapse(0.1)
         await made.until(lambda state: state.mode is Mode.NORMAL)
 
-    on_spine(check)
+    on_spine(check, poll_s=0.2)

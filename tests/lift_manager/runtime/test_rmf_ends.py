@@ -165,7 +165,7 @@ def test_within_the_grace_door_hold_robot_mode_and_holder_stay_and_then_all_is_l
         assert made.driver.on == set()
         assert await the_end_of(made) is EndReason.RELEASED
 
-    on_bench(check, WITH_MODE)
+    on_bench(check, WITH_MODE, poll_s=0.2)
 
 
 def test_the_grace_ends_in_time_though_the_lift_answers_slowly() -> None:
@@ -323,7 +323,7 @@ def test_a_car_that_arrives_within_the_grace_is_not_held_open() -> None:
         await elapse(0.2)
         assert made.driver.log == ["press go_to L1", f"hold {HOLD}"]
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.2)
 
 
 def test_robot_mode_outlasts_the_grace_until_the_car_stands() -> None:

@@ -280,7 +280,7 @@ def test_the_journal_has_the_end_when_it_is_said_and_when_it_happens() -> None:
     journal = MemoryRecorder()
 
     async def main() -> None:
-        async with spine(recorder=journal) as made:
+        async with spine(recorder=journal, poll_s=0.2) as made:
             made.site.request("lift", RMF, "L3", hold_door=True, stays=True)
             for _ in range(20):
                 made.site.end_session("lift", RMF, 3)

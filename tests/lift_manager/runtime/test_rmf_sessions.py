@@ -42,7 +42,7 @@ def test_a_request_of_rmf_with_the_door_closed_lets_the_door_go_and_releases_not
         assert made.driver.on == {HOLD}
         assert made.presses == ["go_to L1"]
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.2)
 
 
 def test_a_door_that_the_call_holds_is_let_go_and_held_again_as_rmf_says() -> None:

@@ -68,7 +68,7 @@ def test_a_session_that_asks_again_too_often_goes_on_and_keeps_what_is_on() -> N
         await elapse(1.1)
         assert held_by(made) is None, "END counts again"
 
-    on_bench(check, WITH_MODE)
+    on_bench(check, WITH_MODE, poll_s=0.2)
 
 
 def test_a_call_that_end_kept_back_is_not_pressed_by_a_request_that_is_refused() -> None:

@@ -50,7 +50,7 @@ def test_a_robot_that_lets_go_under_way_leaves_robot_mode_on_until_the_car_stand
         await elapse(4)
         assert "robot_mode" not in made.face.commands
 
-    on_spine(check, name)
+    on_spine(check, name, poll_s=0.2)
 
 
 @pytest.mark.parametrize("map_says_so", [True, False])
@@ -74,7 +74,7 @@ def test_a_controller_that_consumes_each_request_keeps_robot_mode_under_way_if_i
         await elapse(8)
         assert "robot_mode" not in made.face.commands
 
-    on_spine(check, codec=consuming if map_says_so else plain, really=consuming)
+    on_spine(check, codec=consuming if map_says_so else plain, really=consuming, poll_s=0.2)
 
 
 @pytest.mark.parametrize("in_session", [True, False])
@@ -119,7 +119,7 @@ def test_robot_mode_that_fell_while_the_lift_was_unreadable_is_not_pressed_once_
         await elapse(4)
         assert "robot_mode" not in made.face.commands
 
-    on_spine(check, "robotnik-il-eth", lease_s=3.0)
+    on_spine(check, "robotnik-il-eth", lease_s=3.0, poll_s=0.2)
 
 
 class SlowJournal(MemoryRecorder):
@@ -134,7 +134,7 @@ class SlowJournal(MemoryRecorder):
 @pytest.mark.parametrize("ends", ["force_release", "lock_out"])
 def test_robot_mode_that_waits_for_its_row_is_not_pressed_after_its_session(ends: str) -> None:
     async def main() -> None:
-        async with spine("robotnik-il-eth", recorder=SlowJournal()) as made:
+        async with spine("robotnik-il-eth", recorder=SlowJournal(), poll_s=0.2) as made:
             made.people(Inputs(car_buttons=frozenset({len(made.actor.config.floors) - 1})))
             await elapse(3)
             assert made.face.picture.motion is not Motion.STOPPED

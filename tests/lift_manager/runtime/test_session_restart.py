@@ -62,7 +62,7 @@ def restarted(
 ) -> MemoryRecorder:
     """Kill the manager after `before`, and start it again `off_s` later by the clock on the wall."""
     memory = MemoryRecorder()
-    on_bench(before, able, recorder=memory, clock=fixed(AT))
+    on_bench(before, able, recorder=memory, clock=fixed(AT), poll_s=0.2)
     on_bench(
         after,
         able,
@@ -71,6 +71,7 @@ def restarted(
         found=found,
         left_on=left_on,
         **more,  # type: ignore[arg-type]  # keywords of on_bench
+        poll_s=0.2,
     )
     return memory
 
@@ -412,8 +413,8 @@ def test_a_fire_or_a_lockout_from_before_the_start_ends_it(word: str) -> None:
         await elapse(5)
         assert made.driver.log == []
 
-    on_bench(before, PLAIN, recorder=memory, clock=fixed(AT))
-    on_bench(after, PLAIN, recorder=memory, clock=fixed(AT), left_on=frozenset({HOLD}))
+    on_bench(before, PLAIN, recorder=memory, clock=fixed(AT), poll_s=0.2)
+    on_bench(after, PLAIN, recorder=memory, clock=fixed(AT), left_on=frozenset({HOLD}), poll_s=0.2)
 
 
 @pytest.mark.parametrize(("off_s", "rest_s"), [(-86400.0, 30), (0.0, 30), (20.0, 10)])
@@ -519,9 +520,11 @@ def test_a_restored_session_survives_a_second_restart() -> None:
         assert held_by(made) == ROBOT
         assert made.driver.adopted == {HOLD}
 
-    on_bench(open_at_l1, PLAIN, recorder=memory, clock=fixed(AT))
+    on_bench(open_at_l1, PLAIN, recorder=memory, clock=fixed(AT), poll_s=0.2)
     for check in (nothing, nothing, after):
-        on_bench(check, PLAIN, recorder=memory, clock=fixed(AT), found=OPEN_AT_L1, left_on=frozenset({HOLD}))
+        on_bench(
+            check, PLAIN, recorder=memory, clock=fixed(AT), found=OPEN_AT_L1, left_on=frozenset({HOLD}), poll_s=0.2
+        )
 
 
 def test_a_release_before_the_first_reading_drops_robot_mode_only_once_the_car_stands() -> None:

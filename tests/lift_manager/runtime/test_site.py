@@ -85,7 +85,7 @@ def test_a_reply_can_wait_for_the_disk_and_gives_up() -> None:
         disk.unwritten[-1].set_result(None)
         assert await waits
 
-    on_bench(check, PLAIN, recorder=disk)
+    on_bench(check, PLAIN, recorder=disk, poll_s=0.2)
 
 
 def test_a_command_is_awaited_until_it_has_its_end() -> None:

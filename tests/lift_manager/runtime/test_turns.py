@@ -53,7 +53,7 @@ def test_a_session_right_after_another_is_accepted_and_presses_nothing_until_peo
         assert not more
         assert at >= ended_at + REST_S
 
-    on_spine(check, between_sessions_s=REST_S)
+    on_spine(check, between_sessions_s=REST_S, poll_s=0.2)
 
 
 def test_people_really_get_the_car_between_two_robots() -> None:
@@ -100,7 +100,7 @@ def test_the_first_session_and_one_after_a_session_that_pressed_nothing_need_no_
         made.accept("L3")
         assert not waits(made)
 
-    on_spine(check, between_sessions_s=REST_S)
+    on_spine(check, between_sessions_s=REST_S, poll_s=0.2)
 
 
 def test_robot_mode_of_the_session_before_is_still_kept_under_way_during_the_rest() -> None:
@@ -223,7 +223,7 @@ def test_an_open_door_invites_no_robot_that_waits_for_people_to_have_their_turn(
         await elapse(0.5)
         assert made.state.robot_door is RobotDoor.OPEN
 
-    on_bench(check, PERMITTING, between_sessions_s=REST_S)
+    on_bench(check, PERMITTING, between_sessions_s=REST_S, poll_s=0.2)
 
 
 def test_people_have_their_turn_from_when_robot_mode_has_fallen() -> None:
@@ -239,7 +239,7 @@ def test_people_have_their_turn_from_when_robot_mode_has_fallen() -> None:
             await elapse(0.05)
         assert off_s >= REST_S
 
-    on_spine(check, between_sessions_s=REST_S)
+    on_spine(check, between_sessions_s=REST_S, poll_s=0.2)
 
 
 def test_a_session_that_pressed_nothing_asks_for_no_robot_mode_when_it_ends_during_the_rest() -> None:

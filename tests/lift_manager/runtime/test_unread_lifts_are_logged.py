@@ -64,7 +64,7 @@ def test_a_lift_whose_readings_are_too_old_when_they_come_is_logged_and_is_not_s
             reasons.add(made.state.reason)
         await elapse(140.0)
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.2)
     late = "by hand answers too late: its last poll took 1.3 s, and a reading counts for 1 s (max_age_s); look for what slows it down, or allow a longer `max_age_s` for this lift"
     assert logged(caplog) == [f"lift: {late}", f"lift: still not read: {late}"]
     assert reasons == {f"nothing newer within 1 s: {late}"}

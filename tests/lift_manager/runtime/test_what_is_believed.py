@@ -225,7 +225,7 @@ def test_a_word_of_a_person_is_heeded_though_nothing_else_changes() -> None:
         await elapse(1)
         assert made.robot_door() is RobotDoor.OPEN
 
-    on_bench(check, CONTACTS, door_proven=False)
+    on_bench(check, CONTACTS, door_proven=False, poll_s=0.2)
 
 
 def test_a_car_behind_closed_doors_is_not_said_to_stand_where_nothing_tells_its_motion() -> None:

@@ -142,4 +142,4 @@ def test_a_state_is_worked_out_once_for_all_who_request_it_between_two_readings(
         await elapse(0.2)
         assert made.site.lasting_state("lift") is not first
 
-    on_bench(check, PLAIN)
+    on_bench(check, PLAIN, poll_s=0.2)

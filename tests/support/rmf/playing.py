@@ -37,7 +37,7 @@ NEEDS_HELP = (SupervisorRestarts, Ends, WebEnd, UnheardEnd, Fire, LockedOut)
 
 
 @cache
-def loaded_site(name: str, between_sessions_s: float = 2.0) -> LoadedSite:
+def loaded_site(name: str, between_sessions_s: float = 2.0, poll_s: float = 0.2) -> LoadedSite:
     """Return a site with one lift of a shipped map, which RMF's building map names otherwise."""
     added = COMPLETIONS.get(name, Completion())
     loaded = load(name, changes=MapChanges(added.parameters, added.override))
@@ -46,7 +46,7 @@ def loaded_site(name: str, between_sessions_s: float = 2.0) -> LoadedSite:
         "controller": "plc",
         "access": "control",
         "floors": floors,
-        "poll_s": max(0.2, loaded.map.link.min_poll_s),
+        "poll_s": max(poll_s, loaded.map.link.min_poll_s),
         "endpoints": {endpoint: {"controller": endpoint} for endpoint in loaded.map.endpoints},
         "infer_occupancy": True,
         "accept_latching": "the controller is simulated",
@@ -90,7 +90,7 @@ def play(
     played = Played()
 
     async def main() -> None:
-        world = RmfWorld(loaded_site(map_name), setting, make)
+        world = RmfWorld(loaded_site(map_name, poll_s=setting.poll_s), setting, make)
         played.findings, played.judge = world.judge.findings, world.judge
         async with world.running():
             await elapse(STARTS_S)

@@ -59,6 +59,7 @@ class Setting:
     """The longest delay between adapter and manager; 0 is the same process."""
     speed: float = 4.0
     """How fast time runs for the machine of the lift."""
+    poll_s: float = 0.2
 
 
 class Plant(World):
