@@ -34,8 +34,10 @@ API = [
 
 
 @cache
-def document() -> Json:
-    found: Json = ask(FakeSite(), "GET", "/openapi.json").json()
+def document(keys: KeyRing | None = None) -> Json:
+    """What a site with these keys says of itself, made once for everybody who asks."""
+    bears = {} if keys is None else bearing(Role.OPERATOR)
+    found: Json = ask(FakeSite(), "GET", "/openapi.json", keys=keys, headers=bears).json()
     return found
 
 
@@ -104,8 +106,10 @@ def test_every_body_has_examples_and_they_are_as_its_schema_has_them(method: str
         examples = examples_in(content)
         if not where.endswith(MEDIA_TYPE):
             assert examples, where
+        # that the schema itself is valid is seen once, below
+        validator = jsonschema.Draft202012Validator(schema_in(content), format_checker=jsonschema.FormatChecker())
         for example in examples:
-            jsonschema.validate(example, schema_in(content), format_checker=jsonschema.FormatChecker())
+            validator.validate(example)
 
 
 @each_row(("method", "path"), API)
@@ -120,11 +124,13 @@ def test_the_document_is_valid_by_the_specification() -> None:
     assert [error.message for error in OpenAPIV31SpecValidator(document()).iter_errors()] == []
 
 
-@each_row("path", sorted({route.path.replace(":path}", "}") for route in ROUTES} & document()["paths"].keys()))
-def test_every_parameter_in_a_path_is_declared(path: str) -> None:
-    for said in document()["paths"][path].values():
-        named = {parameter["name"] for parameter in said.get("parameters", ()) if parameter["in"] == "path"}
-        assert named == {part.strip("{}") for part in path.split("/") if part.startswith("{")}
+def test_every_parameter_in_a_path_is_declared() -> None:
+    paths = {route.path.replace(":path}", "}") for route in ROUTES} & document()["paths"].keys()
+    assert len(paths) > 10
+    for path in paths:
+        for said in document()["paths"][path].values():
+            named = {parameter["name"] for parameter in said.get("parameters", ()) if parameter["in"] == "path"}
+            assert named == {part.strip("{}") for part in path.split("/") if part.startswith("{")}, path
 
 
 COMMAND = {"do": "go_to", "floor": "L2"}
@@ -182,9 +188,9 @@ def test_the_schema_needs_a_robot_beside_an_idempotency_key_exactly_where_the_ma
     site, bears = FakeSite(), {} if keys is None else bearing(Role.OPERATOR)
     wish = body | more
     answer = ask(site, "POST", path.format(lift="lift"), keys=keys, headers=bears, json=wish)
-    document = ask(site, "GET", "/openapi.json", keys=keys).json()
-    schema = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
-    schema = {**schema, "components": document["components"]}
+    said = document(keys)
+    schema = said["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
+    schema = {**schema, "components": said["components"]}
     assert jsonschema.Draft202012Validator(schema).is_valid(wish) is (answer.status_code != 422)
 
 
