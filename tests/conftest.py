@@ -42,8 +42,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    # modules and tests stay to the end: to look through them again and again for garbage is a tenth of all time
-    gc.collect()
+    # modules and tests stay to the end, and so does the little garbage among them: to look through them again and again is a
+    # tenth of all time
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
     gc.enable()

@@ -4,6 +4,7 @@ Fields of rmf_lift_msgs as on humble, iron, jazzy, kilted and main, where the fi
 rmf_fleet_msgs as on kilted and main.
 """
 
+from functools import cache
 from typing import Any
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -60,14 +61,21 @@ TEXTS = {
 }
 
 
+@cache
+def _types() -> Any:
+    """The types of ROS and those above, read once in a process."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in TEXTS.items():
+        lines = "\n".join(line.strip() for line in text.strip().splitlines())
+        store.register(get_types_from_msg(lines, name))
+    return store
+
+
 class Oracle:
     """Encodes, decodes and hashes as ROS 2 does."""
 
     def __init__(self) -> None:
-        self._store: Any = get_typestore(Stores.ROS2_JAZZY)
-        for name, text in TEXTS.items():
-            lines = "\n".join(line.strip() for line in text.strip().splitlines())
-            self._store.register(get_types_from_msg(lines, name))
+        self._store = _types()
 
     def hash_of(self, name: str) -> str:
         return str(self._store.hash_rihs01(name))

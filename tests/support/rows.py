@@ -17,14 +17,15 @@ def each_row(names: str | Sequence[str], rows: Iterable[Any]) -> Callable[[Calla
     are shared by all rows, so a test whose rows leave something in one (a file, what was printed) stays parametrized.
     """
     arguments = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
-    table = [_named(row, single=names == arguments[0]) for row in rows]
+    table = list(rows)
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(test)
         def every_row(*bound: Any, **fixtures: Any) -> None:
             assert table, "a table without rows shows nothing"
             errors = []
-            for name, row in table:
+            for each in table:
+                name, row = _named(each, single=names == arguments[0])
                 try:
                     test(*bound, **fixtures, **dict(zip(arguments, row, strict=True)))
                 except Exception as error:  # noqa: BLE001  all of them are raised below

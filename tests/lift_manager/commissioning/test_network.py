@@ -68,17 +68,14 @@ def test_a_watched_lift_writes_nothing_and_its_outputs_are_not_read(tmp_path: Pa
     assert {span.table for span in unit.reads} == {Table.DISCRETE}
 
 
-READY = [
-    name for name in shipped() if not load(name).unset and load(name).map.signals.keys() >= {"car_floor", "door.front"}
-]
-"""Maps that need nothing from a site."""
-
-
-@each_row("name", READY)
+@each_row("name", shipped())
 def test_every_request_of_a_maps_plan_is_let_through_and_every_write_of_it_has_its_function(
     name: str, tmp_path: Path
 ) -> None:
-    source = load(name).map
+    loaded = load(name)
+    source = loaded.map
+    if loaded.unset or not source.signals.keys() >= {"car_floor", "door.front"}:
+        return  # it needs something from a site
     planned = [sent.received for part in maps_plan.plan(source).parts for sent in part.requests]
     codes = set(maps_plan.example_floors(compile_map(source)).values())
     assert planned
