@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from lift_manager.cli.main import app
 from register_maps.load import MAPS, shipped
-from tests.support.programs import run_anew
+from tests.support.programs import run
 from tests.support.rows import each_row
 
 each_map = each_row("name", shipped())
@@ -305,9 +305,9 @@ def test_a_file_has_to_be_named_for_what_is_written(folder: Path) -> None:
 
 
 def test_the_program_itself_lists_maps_and_checks_one() -> None:
-    done = run_anew("maps")
+    done = run("maps")
     assert (done.returncode, done.stderr) == (0, "")
     assert "generic-registers  [template]" in done.stdout
-    done = run_anew("maps", "check", "generic-registers")
+    done = run("maps", "check", "generic-registers")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1].endswith("map generic-registers (template): no mistakes")

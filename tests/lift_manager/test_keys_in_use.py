@@ -1,7 +1,7 @@
 """Keys against a running manager: made, needed, revoked, and never written down."""
 
 import json
-import subprocess
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,7 +9,8 @@ import httpx
 import pytest
 
 from tests.lift_manager.test_operate import LIFT, Site
-from tests.support.programs import LIFT_MANAGER, Started, call, eventually, running
+from tests.support.forked import Forked
+from tests.support.programs import HANGS_S, Started, call, eventually, running
 from tests.support.rows import each_row
 
 WORKSHOP = "/open-rmf/demo-lift"
@@ -180,15 +181,10 @@ def test_a_state_that_cannot_be_relied_on_is_found_by_check_as_well(tmp_path: Pa
 def test_a_key_that_was_redirected_to_a_file_is_taken_from_there(site: Site, tmp_path: Path) -> None:
     key_file = tmp_path / "desk.key"
     key_file.touch(mode=0o644)
-    with key_file.open("w") as stream:
-        made = subprocess.run(
-            [*LIFT_MANAGER, "keys", "make", str(site.file), "--name", "desk", "--role", "viewer"],
-            stdout=stream,
-            stderr=subprocess.PIPE,
-            check=False,
-            text=True,
-        )
-    assert made.returncode == 0, made.stderr
+    words = ("keys", "make", str(site.file), "--name", "desk", "--role", "viewer")
+    with key_file.open("w") as out, (tmp_path / "said").open("w") as err:
+        made = Forked(words, env=os.environ, out=out.fileno(), err=err.fileno())
+    assert made.wait(HANGS_S) == 0, (tmp_path / "said").read_text()
     assert key_file.stat().st_mode & 0o777 == 0o600
     eventually(lambda: asked(site) == 401)
     assert LIFT in command("lifts", "--manager", site.url, "--key-file", key_file)

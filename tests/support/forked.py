@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO
 
 from tests.support.starter import Order
 
@@ -24,14 +23,22 @@ class Forked:
     """A running process."""
 
     def __init__(
-        self, words: Sequence[str], *, env: Mapping[str, str], cwd: Path | None, out: IO[bytes], err: IO[bytes]
+        self,
+        words: Sequence[str],
+        *,
+        env: Mapping[str, str],
+        out: int,
+        err: int,
+        cwd: Path | None = None,
+        stdin: int | None = None,
     ) -> None:
+        """Start it with these open files; nothing can be read from a `stdin` that is not given."""
         self._words = words
         self._code: int | None = None
         order = Order(words=list(words), env=dict(env), cwd=str(cwd or Path.cwd()))
         self._answers, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            files = [theirs.fileno(), out.fileno(), err.fileno()]
+            files = [theirs.fileno(), out, err, *(() if stdin is None else (stdin,))]
             socket.send_fds(_starter(), [json.dumps(order).encode()], files)
         self._answers.settimeout(STARTS_WITHIN_S)
         self._pid = int(self._answers.recv(32))

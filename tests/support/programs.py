@@ -61,7 +61,7 @@ class Program:
             # what a manager remembers over a restart ends with the test, unless its site file names a folder
             env = os.environ | {"XDG_STATE_HOME": str(folder)} | dict(more or {})
             if forked:
-                self._process = Forked(command, env=env, cwd=cwd, out=out, err=err)
+                self._process = Forked(command, env=env, cwd=cwd, out=out.fileno(), err=err.fileno())
             else:
                 self._process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd, env=env

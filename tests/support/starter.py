@@ -1,7 +1,7 @@
 """Starts `lift-manager` without the second that its imports take: a process that has imported it forks for each start.
 
 Started as a program with a socket as its stdin. Each message on it is one start (`Order`, as JSON) with three open
-files: a socket, and what becomes stdout and stderr. Into the socket goes the id of the process, and when that has ended
+files: a socket, and what becomes stdout and stderr; a fourth one becomes stdin. Into the socket goes the id of the process, and when that has ended
 its exit code. The end of stdin ends the starter, and none of what it started.
 """
 
@@ -32,7 +32,7 @@ def serve() -> Order | None:
     """Fork for each order; returns it in the process that is to carry it out, and None when no more can come."""
     with socket.socket(fileno=os.dup(0)) as orders:
         while True:
-            message, files, _, _ = socket.recv_fds(orders, 2**18, 3)
+            message, files, _, _ = socket.recv_fds(orders, 2**18, 4)
             if not message:
                 return None
             if os.fork():
@@ -43,7 +43,9 @@ def serve() -> Order | None:
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
             if process := os.fork():
                 wait_for(process, files[0])
-            for file, standard in zip((os.open(os.devnull, os.O_RDONLY), *files[1:]), (0, 1, 2), strict=True):
+            if len(files) == 3:
+                files.append(os.open(os.devnull, os.O_RDONLY))
+            for file, standard in zip(files[1:], (1, 2, 0), strict=True):
                 os.dup2(file, standard)
                 os.close(file)
             os.close(files[0])

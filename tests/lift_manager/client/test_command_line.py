@@ -8,13 +8,16 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import pytest
 
 from lift_manager.lab.bench import LiftSite
 from lift_manager.lift.occupancy import RobotWord
-from tests.support.programs import LIFT_MANAGER, Started, call, free_port, run
+from tests.support.forked import Forked
+from tests.support.programs import HANGS_S, Started, call, free_port, run
 
 pytestmark = pytest.mark.lift("main", speed=20)
 RIDE = ("ride", "any", "L2", "L3", "--robot", "amr-7", "--manager")
@@ -82,10 +85,10 @@ def test_what_the_demo_says_to_type_shows_its_lifts_and_rides_one() -> None:
         assert ride[1:] == ["ride", "lift", "L1", "L2", "--robot", "demo", "--yes", "--manager", manager]
         done = call(*ride[1:])
         assert (done.returncode, done.stdout.count(": done")) == (0, 1)
-        told = subprocess.run([*lifts, "-s"], capture_output=True, check=True, timeout=10).stdout
+        told = subprocess.run([*lifts, "-s"], capture_output=True, check=True, timeout=HANGS_S).stdout
         assert [lift["name"] for lift in json.loads(told)["lifts"]] == ["lift", "tower", "goods"]
         # curl ends with 28 at its own limit: the stream itself has no end
-        stream = subprocess.run([*events, "-s", "-m", "0.5"], capture_output=True, check=False, timeout=10)
+        stream = subprocess.run([*events, "-s", "-m", "0.5"], capture_output=True, check=False, timeout=HANGS_S)
         assert (stream.returncode, b"event: snapshot" in stream.stdout) == (28, True)
 
 
@@ -112,11 +115,8 @@ def test_ctrl_c_cancels_and_waits_for_the_end(lift_site: LiftSite) -> None:
 
 def test_a_closed_terminal_cancels_and_the_end_is_seen_although_nobody_reads_it(lift_site: LiftSite) -> None:
     ours, theirs = pty.openpty()
-    words = [*LIFT_MANAGER, *RIDE, lift_site.address, "--yes"]
-    with (
-        lift_site.held("L4"),
-        subprocess.Popen(words, stdin=theirs, stdout=theirs, stderr=theirs) as program,
-    ):
+    with lift_site.held("L4"):
+        program = Forked([*RIDE, lift_site.address, "--yes"], env=os.environ, stdin=theirs, out=theirs, err=theirs)
         os.close(theirs)
         try:
             seen = b""
@@ -124,46 +124,56 @@ def test_a_closed_terminal_cancels_and_the_end_is_seen_although_nobody_reads_it(
                 seen += os.read(ours, 4096)
             os.close(ours)
             program.send_signal(signal.SIGHUP)
-            assert program.wait(10) == 3
+            assert program.wait(HANGS_S) == 3
         finally:
             program.kill()
+
+
+@dataclass
+class AtATerminal:
+    """A program at whose keyboard a person sits; what it says is read line by line."""
+
+    program: Forked
+    keyboard: int
+    out: IO[bytes]
+    err: IO[bytes]
+
+    def type(self, keys: bytes) -> None:
+        os.write(self.keyboard, keys)
 
 
 @contextmanager
-def at_a_terminal(*words: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
-    ours, theirs = pty.openpty()
-    with subprocess.Popen(
-        [*LIFT_MANAGER, *words], stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as program:
-        os.close(theirs)
+def at_a_terminal(*words: str) -> Iterator[AtATerminal]:
+    keyboard, terminal = pty.openpty()
+    (out, its_out), (err, its_err) = os.pipe(), os.pipe()
+    program = Forked(words, env=os.environ, stdin=terminal, out=its_out, err=its_err)
+    for file in (terminal, its_out, its_err):
+        os.close(file)
+    with os.fdopen(out, "rb") as said, os.fdopen(err, "rb") as asked:
         try:
-            yield program, ours
+            yield AtATerminal(program, keyboard, said, asked)
         finally:
             program.kill()
-            os.close(ours)
+            os.close(keyboard)
 
 
 def test_at_a_terminal_a_person_says_the_words(lift_site: LiftSite) -> None:
-    with at_a_terminal(*RIDE, lift_site.address) as (program, keyboard):
-        assert program.stderr is not None
-        assert program.stdout is not None
+    with at_a_terminal(*RIDE, lift_site.address) as person:
         for prompt in (b"is inside", b"is outside"):
-            assert prompt in program.stderr.readline()
-            os.write(keyboard, b"\n")
-        assert program.wait(30) == 0
-        assert b"done" in program.stdout.read()
+            assert prompt in person.err.readline()
+            person.type(b"\n")
+        assert person.program.wait(HANGS_S) == 0
+        assert b"done" in person.out.read()
 
 
 def test_enter_before_it_is_asked_for_and_the_end_of_the_input_are_no_words(lift_site: LiftSite) -> None:
-    with at_a_terminal(*RIDE, lift_site.address) as (program, keyboard):
-        assert program.stderr is not None
-        assert program.stdout is not None
-        assert b": wait" in program.stdout.readline()
-        os.write(keyboard, b"\n\n")
-        assert b"is inside" in program.stderr.readline()
-        os.write(keyboard, b"\x04")
-        assert program.stderr.readline().startswith(b"cancelled")
-        assert b"is outside" in program.stderr.readline()
-        os.write(keyboard, b"\n")
-        assert program.wait(30) == 3
-        assert b"L3: stay" not in program.stdout.read()
+    with at_a_terminal(*RIDE, lift_site.address) as person:
+        assert b": wait" in person.out.readline()
+        person.type(b"\n\n")
+        assert b"is inside" in person.err.readline()
+        person.type(b"\x04")
+        assert person.err.readline().startswith(b"cancelled")
+        assert b"is outside" in person.err.readline()
+        person.type(b"\n")
+        assert person.program.wait(HANGS_S) == 3
+        assert b"L3: stay" not in person.out.read()

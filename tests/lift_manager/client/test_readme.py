@@ -10,7 +10,7 @@ import pytest
 import lift_manager.client
 from lift_manager.client import errors
 from lift_manager.lab.bench import LiftSite
-from tests.support.programs import ROOT
+from tests.support.programs import HANGS_S, ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "python-client.md").read_text("utf-8")
 
@@ -21,7 +21,7 @@ def test_the_ride_of_the_page_gets_there(lift_site: LiftSite, tmp_path: Path) ->
     assert len([line for line in program.splitlines() if line.strip()]) <= 15
     ride = tmp_path / "ride.py"
     ride.write_text(program.replace("http://127.0.0.1:5003", lift_site.address), "utf-8")
-    done = subprocess.run([sys.executable, ride], capture_output=True, text=True, check=True, timeout=50)
+    done = subprocess.run([sys.executable, ride], capture_output=True, text=True, check=True, timeout=HANGS_S)
     words = [line.split()[0] for line in done.stdout.splitlines()]
     order = [word for number, word in enumerate(words) if word != "wait" and words[number - 1 : number] != [word]]
     assert order == ["enter", "stay", "leave", "done"]
