@@ -192,7 +192,7 @@ def test_whatever_fails_an_invitation_is_only_shown_while_the_manager_said_so_wi
         manager, invited = Manager(cuts=chance), 0
         said_at = -9.0
         async with client_of(manager) as client, client.ride(LIFT, "L1", "L2", robot="amr-7") as ride:
-            for _ in range(600):
+            for _ in range(300):
                 if chance.random() < 0.1:
                     manager.up = chance.random() < 0.7
                     manager.deaf = chance.random() < 0.2

@@ -23,7 +23,7 @@ from tests.campaigns.playing import LIFT, loaded_site
 
 HOLD = "hold_door.front"
 ROBOT = Holder("workshop", "workshop")
-FIGHTS_S = 24.0
+FIGHTS_S = 18.0
 ALARM_WITHIN_S = 6.0
 SEEN_WITHIN_S = 1.0
 """From one look at a held output to the next on a quick link, and a poll."""

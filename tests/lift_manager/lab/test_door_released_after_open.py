@@ -85,7 +85,9 @@ def site(**lift: object) -> LoadedSite:
         "name": "world",
         "controllers": {"plc": {"host": "memory", "port": 1, "map": "generic-registers"}},
         "lifts": {
-            "lift": {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2, "L3": 3}, **OF_ALL, **lift}
+            "lift": {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2, "L3": 3}, "poll_s": 0.4}
+            | OF_ALL
+            | lift
         },
     }
     return LoadedSite(Site.model_validate(made), {"lift": load("generic-registers")}, Path("world"))
