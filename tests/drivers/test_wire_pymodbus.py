@@ -16,6 +16,7 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.wire import PymodbusWire
 from register_maps import frames
 from register_maps.words import Table
+from tests.support.programs import HANGS_S
 
 Test = Callable[[], Coroutine[object, object, None]]
 READ = frames.read(Table.HOLDING, 0, 1)
@@ -97,7 +98,7 @@ def test_closing_does_not_wait_for_a_peer_that_takes_nothing(
         wire.close()
         # Only now does the peer read: it finds the end, and not all that was waiting to be sent.
         received = 0
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(HANGS_S):
             while True:
                 try:
                     data = await loop.sock_recv(connection, 1 << 20)
@@ -194,7 +195,7 @@ def test_an_answer_that_came_while_our_own_process_was_held_up_is_not_a_time_out
     async def test() -> None:
         loop = asyncio.get_running_loop()
         link = Link(lambda: PymodbusWire(*listener.getsockname()), settings, name="lobby")
-        async with asyncio.timeout(5), asyncio.TaskGroup() as group:
+        async with asyncio.timeout(HANGS_S), asyncio.TaskGroup() as group:
             group.create_task(link.run())
             connection, _ = await loop.sock_accept(listener)
             with connection:

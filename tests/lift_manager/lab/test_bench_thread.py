@@ -11,6 +11,7 @@ import pytest
 
 from lift_manager.lab.bench.errors import BenchBroken, BenchError
 from lift_manager.lab.bench.thread import LoopThread
+from tests.support.programs import HANGS_S
 
 
 @asynccontextmanager
@@ -61,7 +62,7 @@ def test_a_bug_ends_every_wait_at_once_and_is_raised_in_the_end() -> None:
         with LoopThread() as thread, thread.hosting(breaks(when)) as value:
             assert value == "entered"
             with pytest.raises(BenchBroken, match="ended because of a bug"):
-                thread.run(trip_and_wait(), within_s=5)
+                thread.run(trip_and_wait(), within_s=HANGS_S)
             heard.append("while it waited")
             with pytest.raises(BenchBroken):
                 thread.call(lambda: None)
@@ -129,7 +130,7 @@ def test_only_what_its_own_thread_logs_with_a_traceback_is_a_bug_of_it() -> None
 
     with LoopThread() as thread:
         threading.Thread(target=elsewhere).start()
-        assert done.wait(5)
+        assert done.wait(HANGS_S)
         thread.call(lambda: logger.error("without a traceback"))
         thread.call(lambda: logger.warning("weather", exc_info=OSError("gone")))
 

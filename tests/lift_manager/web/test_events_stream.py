@@ -6,6 +6,7 @@ import socket
 import time
 from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from tests.lift_manager.web.fake import ask, serving
 from tests.lift_manager.web.fake_lifts import AT
 from tests.lift_manager.web.keyed import bearing, ring
 from tests.lift_manager.web.listening import EVENTS, Happening, Message, Stream, listening, messages, unchunked, until
+from tests.support.programs import HANGS_S, soon
 
 on_both_loops = pytest.mark.parametrize(
     "loop", [asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"]
@@ -108,7 +110,7 @@ def test_a_stream_beyond_the_limit_is_refused_until_another_one_has_gone() -> No
                 await other.begin()
                 async with listening(port) as refused:
                     status = await refused.begin()
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(HANGS_S):
                 while True:
                     async with listening(port) as again:
                         if await again.begin() == 200:
@@ -147,7 +149,7 @@ def test_one_key_gets_half_of_all_streams_and_the_others_the_rest() -> None:
                 found, text = await _statuses(port, stack, 1, bearing(Role.OPERATOR))
                 assert found == [503]
                 assert text.startswith("6 event streams are open")
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(HANGS_S):
                 while (await _statuses(port, stack, 1, bearing(Role.VIEWER)))[0] != [200]:
                     pass
 
@@ -186,7 +188,7 @@ def test_a_reader_that_takes_nothing_costs_little_and_is_told_what_it_lost(
         reader, writer = await asyncio.open_connection(sock=slow)
         stream = Stream(reader)
         await stream.begin()
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(HANGS_S):
             while last_id.encode() not in stream.raw[-200_000:]:
                 stream.raw += await reader.read(65536)
             manager.happens(Alarm("lift", "after it"))
@@ -230,11 +232,9 @@ def test_three_hundred_readers_hear_the_same() -> None:
 
 @on_both_loops
 def test_streams_end_at_once_and_in_order_when_the_manager_ends(loop: Callable[[], asyncio.AbstractEventLoop]) -> None:
-    manager = Happening()
-
     async def main() -> tuple[float, list[bytes]]:
         async with AsyncExitStack() as stack:
-            async with serving(make_app(manager)) as port:
+            async with serving(make_app(Happening())) as port:
                 streams = [await stack.enter_async_context(listening(port)) for _ in range(20)]
                 for stream in streams:
                     await stream.begin()
@@ -245,16 +245,20 @@ def test_streams_end_at_once_and_in_order_when_the_manager_ends(loop: Callable[[
                 await stream.rest()
             return took, [stream.raw for stream in streams]
 
-    took, ends = run(main(), loop)
-    assert took < 0.25  # without a word to them, all of FINISH_WITHIN_S is waited for them
-    assert all(end.endswith(b"\r\n0\r\n\r\n") for end in ends)
+    def attempt() -> float:
+        took, ends = run(main(), loop)
+        assert all(end.endswith(b"\r\n0\r\n\r\n") for end in ends)
+        return float(took)
+
+    soon(attempt, 0.25)  # without a word to them, all of FINISH_WITHIN_S is waited for them
 
 
 def test_the_stream_of_a_key_that_is_revoked_ends_within_two_seconds(tmp_path: Path) -> None:
-    path, noted = tmp_path / "keys.json", list[Row]()
-    secret = make_key(path, "site", Key("", "page", Role.VIEWER), by="test", at=AT)
+    noted, files = list[Row](), count()
 
     async def main() -> float:
+        path = tmp_path / f"keys{next(files)}.json"
+        secret = make_key(path, "site", Key("", "page", Role.VIEWER), by="test", at=AT)
         keys = KeyFile(path, "site", open_without_keys=True)
         watching = asyncio.ensure_future(keys.run(noted.append))
         headers = {"Authorization": f"Bearer {secret.reveal()}"}
@@ -267,7 +271,7 @@ def test_the_stream_of_a_key_that_is_revoked_ends_within_two_seconds(tmp_path: P
             watching.cancel()
             return time.monotonic() - began
 
-    assert run(main()) < 2.0
+    soon(lambda: float(run(main())), 2.0)
 
 
 def test_a_viewer_hears_events_and_only_a_commissioner_sees_frames() -> None:

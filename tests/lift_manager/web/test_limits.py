@@ -26,6 +26,7 @@ from lift_manager.web.http_protocol import (
 from lift_manager.web.limits import MAX_CONNECTIONS
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeSite, ask, connected, serving
 from tests.lift_manager.web.listening import listening
+from tests.support.programs import HANGS_S
 from tests.support.rows import each_row
 
 NAMES = f"GET {BASE}/lift_names HTTP/1.1\r\nHost: 127.0.0.1\r\n".encode()
@@ -38,7 +39,7 @@ def run(main: Coroutine[Any, Any, Any]) -> Any:
 
 
 async def all_of(port: int, sent: bytes) -> bytes:
-    async with connected(port) as (reader, writer), asyncio.timeout(5):
+    async with connected(port) as (reader, writer), asyncio.timeout(HANGS_S):
         writer.write(sent)
         await writer.drain()
         return await reader.read()
@@ -78,7 +79,7 @@ def test_a_head_below_the_limit_is_read_in_however_many_pieces() -> None:
                 await writer.drain()
                 await asyncio.sleep(0)
             writer.write(b"Connection: close\r\n\r\n")
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(HANGS_S):
                 return await reader.read()
 
     assert run(main()).startswith(b"HTTP/1.1 200 ")
@@ -115,7 +116,7 @@ def test_idle_connections_lock_nobody_out_and_the_one_that_was_idle_longest_is_c
         async with (
             serving(make_app(FakeSite()), connections=20) as port,
             AsyncExitStack() as stack,
-            asyncio.timeout(10),
+            asyncio.timeout(HANGS_S),
         ):
             kept = [await stack.enter_async_context(connected(port)) for _ in range(20)]
             for connection in (*kept[1:], kept[0]):
@@ -139,7 +140,7 @@ def test_a_connection_on_which_nothing_was_asked_yet_makes_room_as_well() -> Non
         async with (
             serving(make_app(FakeSite()), connections=20) as port,
             AsyncExitStack() as stack,
-            asyncio.timeout(10),
+            asyncio.timeout(HANGS_S),
         ):
             silent = [await stack.enter_async_context(connected(port)) for _ in range(20)]
             await ask_on(*silent[-1])  # all of them are taken by then
@@ -153,7 +154,7 @@ def test_where_every_connection_is_being_served_a_new_one_is_hung_up_on_and_the_
     async def main() -> None:
         site = FakeSite()
         async with serving(make_app(site, streams=20), connections=20) as port, AsyncExitStack() as stack:
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(HANGS_S):
                 streams = [await stack.enter_async_context(listening(port)) for _ in range(20)]
                 assert [await stream.begin() for stream in streams] == [200] * 20
                 one_more, _ = await stack.enter_async_context(connected(port))
@@ -166,7 +167,11 @@ def test_where_every_connection_is_being_served_a_new_one_is_hung_up_on_and_the_
 
 def test_a_stream_for_which_there_is_no_place_keeps_no_connection() -> None:
     async def main() -> None:
-        async with serving(make_app(FakeSite(), streams=1)) as port, AsyncExitStack() as stack, asyncio.timeout(10):
+        async with (
+            serving(make_app(FakeSite(), streams=1)) as port,
+            AsyncExitStack() as stack,
+            asyncio.timeout(HANGS_S),
+        ):
             first, second = [await stack.enter_async_context(listening(port)) for _ in range(2)]
             assert await first.begin() == 200
             assert await second.begin() == 503
@@ -219,7 +224,7 @@ def test_an_object_of_too_many_keys_is_refused(body: dict[str, object]) -> None:
 
 def test_a_body_that_nobody_wants_is_not_waited_for() -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeSite())) as port, connected(port) as (reader, writer), asyncio.timeout(5):
+        async with serving(make_app(FakeSite())) as port, connected(port) as (reader, writer), asyncio.timeout(HANGS_S):
             writer.write(NAMES + b"Content-Length: 100000000\r\n\r\n" + b" " * 1_000_000)
             return await reader.readexactly(12)
 

@@ -21,6 +21,7 @@ from lift_manager.web.errors import ListenError
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from tests.lift_manager.web.fake import STATE, FakeSite, connected, serving
 from tests.support.certificates import Authority, Shown
+from tests.support.programs import HANGS_S, soon
 
 Run = Callable[[Coroutine[Any, Any, None]], None]
 
@@ -238,6 +239,8 @@ def client_side(authority: Authority) -> ssl.SSLContext:
 def test_the_server_is_out_within_a_second_though_a_client_keeps_its_connection_and_says_nothing(
     run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
 ) -> None:
+    took_s: list[float] = []
+
     async def main() -> None:
         async with serving(make_app(FakeSite()), ServerCertificates(files)) as port:
             reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=client_side(authority))
@@ -247,11 +250,15 @@ def test_the_server_is_out_within_a_second_though_a_client_keeps_its_connection_
             _, mute = await asyncio.open_connection("127.0.0.1", port)
             cast(asyncio.Transport, writer.transport).pause_reading()
             began = time.monotonic()
-        assert time.monotonic() - began < 1.0
+        took_s.append(time.monotonic() - began)
         mute.transport.abort()
         writer.transport.abort()
 
-    run(main())
+    def attempt() -> float:
+        run(main())
+        return took_s[-1]
+
+    soon(attempt, 1.0)
     assert caplog.messages == []
 
 
@@ -284,14 +291,14 @@ def test_whoever_does_not_finish_the_handshake_counts_as_a_connection_and_makes_
 ) -> None:
     async def main() -> None:
         tls = ServerCertificates(files)
-        async with serving(make_app(FakeSite()), tls, connections=50) as port, AsyncExitStack() as stack:
+        waits = serving(make_app(FakeSite()), tls, connections=50, handshake_s=2 * HANGS_S)
+        async with waits as port, AsyncExitStack() as stack:
             assert "lift-pc" in await names_shown(port, authority)
             halves = [await stack.enter_async_context(connected(port)) for _ in range(50)]
             for _, writer in halves:
                 writer.write(sent)
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(HANGS_S):
                 await until_shown(port, authority)
-            async with asyncio.timeout(5):
                 with suppress(ConnectionError):
                     assert await halves[0][0].read() == b""
             # no more than had to
@@ -328,11 +335,16 @@ def test_a_handshake_that_failed_leaves_its_place(
 def test_a_handshake_has_a_bounded_time(run: Run, authority: Authority, files: ServerTls) -> None:
     async def main() -> None:
         tls = ServerCertificates(files)
-        async with serving(make_app(FakeSite()), tls, handshake_s=1.0) as port, connected(port) as (reader, _):
+        async with (
+            serving(make_app(FakeSite()), tls, handshake_s=2 * HANGS_S) as patient,
+            connected(patient) as (waiting, _),
+            serving(make_app(FakeSite()), tls, handshake_s=1.0) as port,
+        ):
             began = time.monotonic()
-            async with asyncio.timeout(6):
+            async with connected(port) as (reader, _), asyncio.timeout(HANGS_S):
                 with suppress(ConnectionError):
                     assert await reader.read() == b""
-            assert 0.9 < time.monotonic() - began < 4
+            assert time.monotonic() - began > 0.9
+            assert not waiting.at_eof()
 
     run(main())
