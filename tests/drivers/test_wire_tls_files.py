@@ -153,7 +153,7 @@ def test_a_disk_that_hangs_fails_the_connection_and_holds_up_nothing_else(run: R
                 error = await refusal(wire)
                 assert "does not answer within 1 s; check the disk that it is on" in str(error)
             assert threading.active_count() <= threads + 1, "the second connection began no look of its own"
-        assert turns > 50
+        assert turns > 5  # in two seconds; none if it were held up
         others.cancel()
 
     run(test)

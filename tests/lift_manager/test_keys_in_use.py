@@ -36,7 +36,7 @@ def make(site: Site, name: str, role: str, *more: str) -> str:
 
 def asked(site: Site, key: str = "", *, method: str = "GET", path: str = f"{WORKSHOP}/lift_names") -> int:
     headers = {"Authorization": f"Bearer {key}"} if key else {}
-    return httpx.request(method, site.url + path, headers=headers, trust_env=False).status_code
+    return httpx.request(method, site.url + path, headers=headers, trust_env=False, timeout=HANGS_S).status_code
 
 
 def test_a_key_counts_soon_after_it_is_made_and_no_longer_once_it_is_revoked(site: Site) -> None:
@@ -70,6 +70,7 @@ def test_a_robot_holds_the_lift_in_its_own_name_until_an_operator_takes_it(site:
             json={"floor": "L2", "door_state": 2},
             headers={"Authorization": f"Bearer {key}"},
             trust_env=False,
+            timeout=HANGS_S,
         )
         assert answer.status_code == 200
         return str(answer.json()["msg"])
@@ -142,18 +143,27 @@ def test_no_other_address_is_served_without_a_key_or_a_word_why(tmp_path: Path) 
     assert "no mistakes" in command("check", file)
     with running("serve", file, "--port", "0") as manager:
         url = manager.says(r"http://0\.0\.0\.0(:\d+)/docs")[1]
-        assert httpx.get(f"http://127.0.0.1{url}{WORKSHOP}/lift_names", trust_env=False).status_code == 401
+        assert (
+            httpx.get(f"http://127.0.0.1{url}{WORKSHOP}/lift_names", trust_env=False, timeout=HANGS_S).status_code
+            == 401
+        )
         # the last key goes, and the door stays shut
         command("keys", "revoke", file, "desk")
         manager.logs("was revoked by")
-        assert httpx.get(f"http://127.0.0.1{url}{WORKSHOP}/lift_names", trust_env=False).status_code == 401
+        assert (
+            httpx.get(f"http://127.0.0.1{url}{WORKSHOP}/lift_names", trust_env=False, timeout=HANGS_S).status_code
+            == 401
+        )
 
 
 def test_a_site_that_says_why_is_served_without_keys_and_cautioned_at_every_start(tmp_path: Path) -> None:
     file = site_file(tmp_path, without_keys="a network of its own, behind a locked door")
     with running("serve", file, "--port", "0") as manager:
         url = manager.says(r"http://0\.0\.0\.0(:\d+)/docs")[1]
-        assert httpx.get(f"http://127.0.0.1{url}{WORKSHOP}/lift_names", trust_env=False).status_code == 200
+        assert (
+            httpx.get(f"http://127.0.0.1{url}{WORKSHOP}/lift_names", trust_env=False, timeout=HANGS_S).status_code
+            == 200
+        )
         assert "accepted: a network of its own, behind a locked door" in manager.err
 
 
@@ -201,7 +211,7 @@ def test_no_secret_is_ever_written_down_wherever_a_caller_puts_it(site: Site) ->
     eventually(lambda: asked(site, desk) == 200)
     mistyped = desk[:-1] + ("0" if desk[-1] != "0" else "1")
     heard: list[bytes] = []
-    with httpx.Client(base_url=site.url, trust_env=False) as client:
+    with httpx.Client(base_url=site.url, trust_env=False, timeout=HANGS_S) as client:
         for bearer in (robot, desk, mistyped, desk.upper(), desk[:-8]):
             for placed in (robot, desk, mistyped, desk[:-8], desk.split("_")[2]):
                 heard += places(client, bearer, placed)

@@ -14,7 +14,7 @@ import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
 from lift_manager.store.place import store_path
-from tests.support.programs import Program, Started, call, eventually, free_port, run
+from tests.support.programs import HANGS_S, Program, Started, call, eventually, free_port, run
 from tests.support.rows import each_row
 
 NAME = "Main hospital"
@@ -75,7 +75,7 @@ class Site:
         """What a robot is told, empty where it is accepted."""
         url = f"{self.url}/open-rmf/demo-lift/lift_request"
         body = {"floor": "L2", "door_state": OPEN}
-        answer = httpx.post(url, params={"lift_name": LIFT}, json=body, trust_env=False).json()
+        answer = httpx.post(url, params={"lift_name": LIFT}, json=body, trust_env=False, timeout=HANGS_S).json()
         assert answer["success"] is (not answer["msg"])
         return str(answer["msg"])
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lift_manager.client import ActiveRide, LiftManagerClient, Step
 from lift_manager.rides.ride import Guidance
-from tests.support.programs import Program, Started, free_port
+from tests.support.programs import HANGS_S, Program, Started, free_port
 
 PORT = r"127\.0\.0\.1:(\d+)"
 
@@ -46,7 +46,7 @@ class Building:
 
 
 async def until(ride: ActiveRide, wanted: Callable[[Step], bool]) -> Step:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(HANGS_S):
         async for step in ride:
             if wanted(step):
                 return step

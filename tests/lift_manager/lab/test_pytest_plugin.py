@@ -25,6 +25,7 @@ from register_maps.words import Door, Mode, Side
 from simulator.faults import InMode, Overload, StuckDoor, WrongFloor
 from simulator.wire_faults import Access, DropRequest, LateAnswer, Target
 from tests.support.pages import blocks
+from tests.support.programs import HANGS_S
 from tests.support.rows import each_row
 
 pytest_plugins = "pytester"
@@ -195,7 +196,10 @@ def test_a_fault_of_the_wire_that_cannot_be_is_refused_in_words(
 
 def test_a_ride_is_seen_from_every_side(lift_site: LiftSite, lift_simulator: LiftSimulator) -> None:
     answer = httpx.post(
-        f"{lift_site.url}/lift_request", params={"lift_name": "lift"}, json={"floor": "L2", "door_state": 2}
+        f"{lift_site.url}/lift_request",
+        params={"lift_name": "lift"},
+        json={"floor": "L2", "door_state": 2},
+        timeout=HANGS_S,
     )
     assert answer.json()["success"]
     assert lift_site.wait_for(is_open_at("L2")).doors == {Side.FRONT: Door.OPEN}
@@ -204,7 +208,7 @@ def test_a_ride_is_seen_from_every_side(lift_site: LiftSite, lift_simulator: Lif
     assert presses == [("robot_mode", None), ("go_to", "L2"), ("hold_door.front", None)]
     lift_site.wait_for_event(lambda event: isinstance(event, CommandEnded))
     assert [str(outcome.command) for outcome in lift_site.outcomes] == ["go_to L2"]
-    assert httpx.get(f"{lift_site.address}/docs").status_code == 200
+    assert httpx.get(f"{lift_site.address}/docs", timeout=HANGS_S).status_code == 200
     assert lift_site.alarms == ()
 
 
@@ -230,7 +234,7 @@ def test_an_asyncio_test_goes_on_while_it_waits(lift_site: LiftSite, lift_simula
             asyncio.create_task(lift_simulator.when(lambda truth: truth.open_at == "L2")),
             asyncio.create_task(lift_site.when_event(lambda event: isinstance(event, SessionEnded))),
         ]
-        async with httpx.AsyncClient(base_url=lift_site.url, params={"lift_name": "lift"}) as client:
+        async with httpx.AsyncClient(base_url=lift_site.url, params={"lift_name": "lift"}, timeout=HANGS_S) as client:
             for door in (2, 0):
                 await client.post("/lift_request", json={"floor": "L2", "door_state": door})
                 await waiting[0]

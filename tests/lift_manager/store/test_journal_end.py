@@ -15,7 +15,7 @@ from lift_manager.web.server import listen
 from simulator.server import SimulatedController
 from tests.lift_manager.store.journal_disk import Disk, Hanging, journal
 from tests.lift_manager.test_app import controller, site_of
-from tests.support.programs import OUT_WITHIN_S, eventually, soon
+from tests.support.programs import HANGS_S, OUT_WITHIN_S, eventually, soon
 
 INTERPRETER_S = 1.2
 """What a process needs after this to be out, on a busy computer of two cores."""
@@ -44,7 +44,7 @@ class Relay:
 
 def hold_the_door(port: int) -> None:
     base = f"http://127.0.0.1:{port}/open-rmf/demo-lift"
-    with httpx.Client(base_url=base, params={"lift_name": "lift"}, trust_env=False) as client:
+    with httpx.Client(base_url=base, params={"lift_name": "lift"}, trust_env=False, timeout=HANGS_S) as client:
         body = {"floor": "L1", "door_state": 2}
         assert client.post("/lift_request", json=body).json()["success"]
         eventually(lambda: client.get("/lift_state").json()["data"]["door_state"] == 2)
