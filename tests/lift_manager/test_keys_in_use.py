@@ -10,7 +10,7 @@ import pytest
 
 from tests.lift_manager.test_operate import LIFT, Site
 from tests.support.forked import Forked
-from tests.support.programs import HANGS_S, Started, call, eventually, running
+from tests.support.programs import HANGS_S, Started, call, eventually, free_port, running
 from tests.support.rows import each_row
 
 WORKSHOP = "/open-rmf/demo-lift"
@@ -124,7 +124,7 @@ def site_file(folder: Path, **api: object) -> Path:
         "name": "Keyed",
         "state": "kept",
         "api": {"host": "0.0.0.0", **api},
-        "controllers": {"plc": {"host": "127.0.0.1", "port": 1, "map": "generic-registers"}},
+        "controllers": {"plc": {"host": "127.0.0.1", "port": free_port(), "map": "generic-registers"}},
         "lifts": {LIFT: {"controller": "plc", "floors": {"L1": 1, "L2": 2}}},
     }
     file = folder / "site.yaml"
