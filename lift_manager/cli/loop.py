@@ -16,6 +16,9 @@ else:
 
 T = TypeVar("T")
 
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that end a tool; Windows has no SIGHUP."""
+
 
 def run(main: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine to its end on the fastest available event loop."""
@@ -23,10 +26,23 @@ def run(main: Coroutine[Any, Any, T]) -> T:
         return runner.run(main)
 
 
-def cancel_on_signals() -> None:
-    """Cancel the running task on SIGTERM and SIGHUP, as Ctrl-C does, so that it releases what it holds."""
-    task = asyncio.current_task()
-    if task is None:
-        raise RuntimeError("no task is running")
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+async def cancel_on_signals(work: Coroutine[Any, Any, T], received: list[int]) -> T:
+    """Run `work`, and cancel it on the first signal that this process does not ignore (`nohup`); later ones change nothing.
+
+    Their numbers are added to `received`. Somebody who presses Ctrl-C twice would otherwise leave outputs on.
+    """
+    loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
+
+    def on_signal(number: int) -> None:
+        if not received:
+            task.cancel()
+        received.append(number)
+
+    handled = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    for number in handled:
+        loop.add_signal_handler(number, on_signal, number)
+    try:
+        return await task
+    finally:
+        for number in handled:
+            loop.remove_signal_handler(number)

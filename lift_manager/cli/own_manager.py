@@ -21,6 +21,7 @@ from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.api.roles import Role
 from lift_manager.cli.common import fail, load_site_or_exit, print_stderr, report_mistakes, store_path_of
 from lift_manager.cli.logs import HumanFormatter
+from lift_manager.cli.loop import cancel_on_signals
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import ClientError
 from lift_manager.config.load import LoadedSite
@@ -36,8 +37,6 @@ from register_maps.errors import MapFileError
 Answer = TypeVar("Answer")
 
 HOST = "127.0.0.1"
-SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals that end a tool; Windows has no SIGHUP."""
 KEPT_LINES = 100
 """How many lines of the manager's log are kept for a tool that fails. Chosen: several screens."""
 
@@ -184,7 +183,7 @@ def run_to_end(work: Coroutine[Any, Any, Answer]) -> Answer:
     """
     received: list[int] = []
     try:
-        return asyncio.run(_cancel_on_signals(work, received))
+        return asyncio.run(cancel_on_signals(work, received))
     except asyncio.CancelledError:
         if signal.SIGINT in received:
             raise KeyboardInterrupt from None  # as from any other command
@@ -193,28 +192,6 @@ def run_to_end(work: Coroutine[Any, Any, Answer]) -> Answer:
         raise fail(f"{error}; without --site this works through the running manager") from error
     except (ClientError, LockUnusable, NotReleased) as error:
         raise fail(str(error)) from error
-
-
-async def _cancel_on_signals(work: Coroutine[Any, Any, Answer], received: list[int]) -> Answer:
-    """Run `work`, and cancel it on the first signal that this process does not ignore (`nohup`); later ones change nothing.
-
-    Somebody who presses Ctrl-C twice would otherwise leave outputs on.
-    """
-    loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
-
-    def on_signal(number: int) -> None:
-        if not received:
-            task.cancel()
-        received.append(number)
-
-    handled = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    for number in handled:
-        loop.add_signal_handler(number, on_signal, number)
-    try:
-        return await task
-    finally:
-        for number in handled:
-            loop.remove_signal_handler(number)
 
 
 def open_recorder(loaded: LoadedSite) -> Recorder:

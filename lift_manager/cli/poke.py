@@ -164,8 +164,7 @@ class _Route:
         """Run `work`. Without `writes` an own manager writes nothing, not even a heartbeat."""
 
         async def until_signal(client: LiftManagerClient) -> Answer:
-            cancel_on_signals()
-            return await work(client)
+            return await cancel_on_signals(work(client), [])
 
         try:
             if self.site is None:
