@@ -1,12 +1,12 @@
-"""Prompts a person at the terminal: to press ENTER, or to type a word."""
+"""Reads what a person types: ENTER at a prompt, a word, or line after line."""
 
 from __future__ import annotations
 
 import asyncio
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
 from enum import Enum, auto
 
 from lift_manager.cli.common import print_stderr
@@ -82,3 +82,40 @@ def _read_line(terminal: int) -> bytes:
     except OSError:
         # such as EIO, once the terminal was closed
         return b""
+
+
+@contextmanager
+def typed_lines(stream: int) -> Iterator[Callable[[], Awaitable[str | None]]]:
+    """Read lines from a terminal or a pipe without blocking the loop: yields a function that waits for the next one, None at the end."""
+    loop = asyncio.get_running_loop()
+    chunks: asyncio.Queue[bytes] = asyncio.Queue()
+    unread = b""
+
+    async def next_line() -> str | None:
+        nonlocal unread
+        while b"\n" not in unread:
+            chunk = await chunks.get()
+            if not chunk:
+                chunks.put_nowait(b"")
+                line, unread = unread, b""
+                return line.decode("utf-8", "replace") if line else None
+            unread += chunk
+        line, _, unread = unread.partition(b"\n")
+        return line.decode("utf-8", "replace")
+
+    def read() -> None:
+        chunk = _read_line(stream)
+        chunks.put_nowait(chunk)
+        if not chunk:
+            loop.remove_reader(stream)
+
+    try:
+        loop.add_reader(stream, read)
+    except PermissionError:  # a regular file, which is always readable
+        while chunk := _read_line(stream):
+            chunks.put_nowait(chunk)
+        chunks.put_nowait(b"")
+    try:
+        yield next_line
+    finally:
+        loop.remove_reader(stream)

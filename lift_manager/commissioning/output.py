@@ -19,11 +19,16 @@ def check_ending(path: Path, endings: Iterable[str]) -> str:
     return ending
 
 
-def save(files: Mapping[Path, bytes], *, force: bool) -> None:
-    """Write files, all or none of them where one is there already. Raises OutputRefused."""
-    there = [str(path) for path in files if path.exists()]
+def check_free(paths: Iterable[Path], *, force: bool) -> None:
+    """Raise OutputRefused for files that are there already, unless they may be replaced."""
+    there = [str(path) for path in paths if path.exists()]
     if there and not force:
         raise OutputRefused(f"{' and '.join(there)}: there already; give another name, or --force to replace it")
+
+
+def save(files: Mapping[Path, bytes], *, force: bool) -> None:
+    """Write files, all or none of them where one is there already. Raises OutputRefused."""
+    check_free(files, force=force)
     for path, content in files.items():
         try:
             path.write_bytes(content)
