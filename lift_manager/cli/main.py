@@ -35,6 +35,7 @@ COMMANDS = {
     "audit": "audit:audit",
     "maps": "maps:app",
     "network": "network:show",
+    "bundle": "bundle:bundle",
     "scenario": "scenario:app",
     "rmf": "rmf:app",
 }

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import re
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -160,7 +160,7 @@ class _Route:
     lift: str
     unlock: Unlock | None = None
 
-    def run(self, work: Callable[[LiftManagerClient], Awaitable[Answer]], *, writes: bool = False) -> Answer:
+    def run(self, work: Callable[[LiftManagerClient], Coroutine[Any, Any, Answer]], *, writes: bool = False) -> Answer:
         """Run `work`. Without `writes` an own manager writes nothing, not even a heartbeat."""
 
         async def until_signal(client: LiftManagerClient) -> Answer:
@@ -177,7 +177,7 @@ class _Route:
             raise typer.Exit(1) from None
 
     def _run_directly(
-        self, site: Path, work: Callable[[LiftManagerClient], Awaitable[Answer]], *, writes: bool
+        self, site: Path, work: Callable[[LiftManagerClient], Coroutine[Any, Any, Answer]], *, writes: bool
     ) -> Answer:
         may_command, unlock = ((self.lift,) if writes else ()), self.unlock
         if unlock is None:

@@ -330,6 +330,11 @@ class LiftManagerClient:
         """Whether robots are served, and if not, why."""
         return await self._http.send(HttpRequest("GET", "/readyz", repeat=True, accepted_statuses=(503,)), Readiness)
 
+    async def metrics(self) -> str:
+        """The metrics, as Prometheus reads them."""
+        reply = await self._http.send_raw(HttpRequest("GET", "/metrics", repeat=True))
+        return reply.content.decode("utf-8", "replace")
+
     async def links(self) -> tuple[str, ...]:
         """Every controller by its name, for `frames`."""
         return (await self._http.get(f"{API}/links", Links)).links

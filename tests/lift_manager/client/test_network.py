@@ -136,3 +136,12 @@ def test_https_is_believed_by_its_ca_alone(tmp_path: Path) -> None:
                     await client.is_alive()
 
     asyncio.run(main())
+
+
+def test_metrics_are_returned_as_they_are_served() -> None:
+    async def main() -> str:
+        answer = b"HTTP/1.1 200 OK\r\ncontent-length: 9\r\n\r\nup 1\n# \xc3\xa9"
+        async with server(answering(answer)) as url, LiftManagerClient(url) as client:
+            return await client.metrics()
+
+    assert asyncio.run(main()) == "up 1\n# é"
