@@ -24,6 +24,7 @@ from lift_manager.cli.logs import HumanFormatter
 from lift_manager.cli.loop import cancel_on_signals
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import ClientError
+from lift_manager.config.check_outputs import check_outputs
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
 from lift_manager.lift.journal import Row
@@ -61,9 +62,11 @@ async def own_manager(
     recorder nothing is written down. What the manager logs is not part of what a tool prints: warnings appear on stderr at the end,
     those about the release of outputs always, others if the block raises an error.
 
-    Raises ControllerTaken where another process of this computer talks to a controller of the site already, LockUnusable, and
-    NotReleased; an ExceptionGroup for a bug. The block must not hold up the event loop: outputs are refreshed on it.
+    Raises OutputsShared before anything is sent, where one of `may_command` writes what another lift of the site writes; ControllerTaken
+    where another process of this computer talks to a controller of the site already, LockUnusable, and NotReleased; an ExceptionGroup
+    for a bug. The block must not hold up the event loop: outputs are refreshed on it.
     """
+    _check_outputs_of(loaded, may_command)
     lifts = {
         lift: entry.model_copy(update={"access": "control" if lift in may_command else "monitor"})
         for lift, entry in loaded.site.lifts.items()
@@ -95,6 +98,21 @@ async def own_manager(
                 raise NotReleased(
                     "not every output could be verified as released: look at the lift; a hold that its controller latches stays on"
                 )
+
+
+def _check_outputs_of(loaded: LoadedSite, lifts: Collection[str]) -> None:
+    """Raise OutputsShared: `check` finds this only for lifts whose `access` is `control`."""
+    commanded = {name: lift.model_copy(update={"access": "control"}) for name, lift in loaded.site.lifts.items()}
+    site = loaded.site.model_copy(update={"lifts": commanded})
+    for lift in lifts:
+        for other in commanded:
+            both = {name: loaded.maps[name] for name in commanded if name in (lift, other)}
+            if (problem := next(check_outputs(site, both), None)) is not None:
+                raise OutputsShared(f"{problem.key[-1]} {problem.message}; nothing was sent")
+
+
+class OutputsShared(Exception):
+    """Two lifts of a site write the same registers: a command for one would move the other."""
 
 
 class NotReleased(Exception):
@@ -190,7 +208,7 @@ def run_to_end(work: Coroutine[Any, Any, Answer]) -> Answer:
         raise typer.Exit(1) from None
     except ControllerTaken as error:
         raise fail(f"{error}; without --site this works through the running manager") from error
-    except (ClientError, LockUnusable, NotReleased) as error:
+    except (ClientError, LockUnusable, NotReleased, OutputsShared) as error:
         raise fail(str(error)) from error
 
 

@@ -134,6 +134,26 @@ def test_a_controller_of_another_manager_is_named_in_one_sentence(
     assert sentence.endswith("without --site this works through the running manager")
 
 
+def test_a_lift_is_not_commanded_at_addresses_where_another_lift_of_the_site_is(
+    site: Path, hold_door: Work, lift_simulator: LiftSimulator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = json.loads(site.read_text("utf-8"))
+    for name in ("main", "other"):
+        content["lifts"][name] = content["lifts"]["main"] | {"access": "monitor"}
+    site.write_text(json.dumps(content), "utf-8")
+    with pytest.raises(typer.Exit) as ended:
+        run_directly(site, hold_door, name="tool", may_command=["main"])
+    assert ended.value.exit_code == 1
+    assert "other writes the same registers as main (go_to writes where go_to of main does)" in capsys.readouterr().err
+    assert lift_simulator.writes == ()
+    assert run_directly(site, reads, name="tool") == "read"
+
+
+async def reads(client: LiftManagerClient) -> str:
+    await client.lifts()
+    return "read"
+
+
 def test_nobody_else_can_use_its_port(site: Path) -> None:
     async def work(client: LiftManagerClient) -> list[int]:
         async with httpx.AsyncClient(base_url=client.url, trust_env=False) as stranger:
