@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from drivers.own_files import read_own, replace_file
+from lift_manager.plain.text import counted
 
 VERSION: Literal[1] = 1
 
@@ -434,7 +435,7 @@ class Verdict:
     def text(self) -> str:
         """The verdict in a sentence."""
         if self.remaining:
-            return f"not complete: {len(self.remaining)} items have no result ({_some(self.remaining)})"
+            return f"not complete: no result of {counted(len(self.remaining), 'item')} ({_some(self.remaining)})"
         if not self.passed:
             bad = (*self.failed, *self.skipped)
             points = ", ".join(str(number) for number in self.open_points)

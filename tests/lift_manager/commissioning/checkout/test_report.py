@@ -258,7 +258,7 @@ def test_an_item_without_a_result_is_open_and_says_when_it_has_changed_since() -
     found = page(with_results(result("S-01", Outcome.PASSED, 4), old))
     assert row_of(found, "S-04")[3:] == ["Open", "", "changed since it was tested"]
     assert "NOT COMPLETE" in found.text
-    assert "Not complete: 1 items have no result (S-04)." in found.text
+    assert "Not complete: no result of 1 item (S-04)." in found.text
 
 
 def test_a_result_that_no_longer_counts_stands_in_the_annex(sat: Page) -> None:
