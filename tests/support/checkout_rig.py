@@ -87,7 +87,7 @@ def site_of(
         "schema": 1,
         "name": "bench",
         "controllers": {"plc": {"host": "192.0.2.5", "map": map_name}},
-        "lifts": {LIFT: {"controller": "plc", "floors": dict(floors), "access": "control", **lift}},
+        "lifts": {LIFT: {"controller": "plc", "floors": dict(floors), "access": "control", "poll_s": 0.4, **lift}},
     }
     path.write_text(json.dumps(site))
     return load_site(path)

@@ -19,9 +19,6 @@ from register_maps.codec import Codec
 from register_maps.errors import BadRequest
 from register_maps.words import Side
 
-LOOK_EVERY_S = 0.2
-"""Chosen: the poll of a manager."""
-
 
 @dataclass(frozen=True, slots=True)
 class Sample:
@@ -131,10 +128,10 @@ class WatchedLift:
 
     @asynccontextmanager
     async def watched(self) -> AsyncIterator[Watch]:
-        """Watch the lift within the context. Raises ClientError if it cannot be seen at all."""
-        watch = Watch()
+        """Watch the lift within the context, as often as the manager reads it. Raises ClientError if it cannot be seen at all."""
+        watch, poll_s = Watch(), (await self.client.capabilities(self.name)).poll_s
         watch.add(await self.look())
-        tasks = [asyncio.create_task(self._sample(watch)), asyncio.create_task(self._alarms(watch))]
+        tasks = [asyncio.create_task(self._sample(watch, poll_s)), asyncio.create_task(self._alarms(watch))]
         image = self._codec.empty_image()
         tasks += [asyncio.create_task(self._frames(watch, link, image)) for link in self._links]
         try:
@@ -147,9 +144,9 @@ class WatchedLift:
             if not task.cancelled():
                 task.result()
 
-    async def _sample(self, watch: Watch) -> None:
+    async def _sample(self, watch: Watch, every_s: float) -> None:
         while True:
-            await asyncio.sleep(LOOK_EVERY_S)
+            await asyncio.sleep(every_s)
             try:
                 watch.add(await self.look())
             except ClientError as error:
