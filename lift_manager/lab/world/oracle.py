@@ -380,7 +380,11 @@ class Oracle:
         ]
         if change.began:
             until = math.inf if excuse.within_s is None else at + excuse.within_s
-            watched.faults.append(_Fault(name, excuse.kinds, at, until, command))
+            kinds = excuse.kinds
+            if name in FROZEN_FAULTS:
+                # what another fault has put into the registers stays there
+                kinds = kinds.union(*(one.kinds for one in watched.faults if one.since <= at <= one.until))
+            watched.faults.append(_Fault(name, kinds, at, until, command))
             return
         for fault in watched.faults:
             if (fault.name, fault.command, fault.ended_at) == (name, command, math.inf):

@@ -242,6 +242,25 @@ def test_registers_that_stand_still_excuse_only_what_was_so_when_they_came_to() 
     assert said_open_at("L1") == ["said open and was not"]
 
 
+def test_registers_that_stand_still_go_on_to_say_what_another_fault_has_put_there() -> None:
+    def said_l1_long_after(*, shown: bool) -> list[str]:
+        lasting = Excuse(frozenset({SuspectValues.OPEN, SuspectValues.FLOOR}), None)
+        still = Excuse(frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT}), None)
+        oracle = judge(excuses={"says_wrong_floor": lasting, "frozen_registers": still})
+        polled(oracle, 1.0)
+        if shown:
+            oracle.on_fault(1.0, FaultChange("lift", device.SaysWrongFloor(by=1), began=True))
+        oracle.on_fault(2.0, FaultChange("lift", device.FrozenRegisters(), began=True))
+        if shown:
+            oracle.on_fault(3.0, FaultChange("lift", device.SaysWrongFloor(by=1), began=False))
+        polled(oracle, 60.0, AT_L2, since=59.8)
+        oracle.on_state(60.1, "lift", state(floor="L1"))
+        return found(oracle)
+
+    assert said_l1_long_after(shown=True) == []
+    assert said_l1_long_after(shown=False) == ["said open and was not"]
+
+
 def test_an_invitation_that_the_lift_itself_does_not_give_is_found() -> None:
     shows = MapEvidence(permits=True)
     assert lies(AT_L2, shows=shows, robot_door=RobotDoor.OPEN) == ["said open without permission"]
