@@ -493,9 +493,20 @@ class Oracle:
 
     @staticmethod
     def _stands_unknown_at(watched: _WatchedLift, at: float) -> float:
-        """Return when the manager last could not know that the car stands: it moved, readings failed, or the alive counter was frozen."""
-        is_frozen = any(fault.name == "frozen_heartbeat" and at <= fault.ended_at for fault in watched.faults)
-        return at if is_frozen else max(watched.under_way_at, watched.clean_since)
+        """Return when the manager last could not know that the car stands: it moved, readings failed, or nothing that changes was shown.
+
+        Registers that stand still show a car that moved when they came to a stand as moving.
+        """
+        is_hidden = any(
+            fault.name == "frozen_heartbeat"
+            or (
+                fault.name in FROZEN_FAULTS
+                and not all(truth.standing for truth in watched.history.during(fault.since, fault.since))
+            )
+            for fault in watched.faults
+            if at <= fault.ended_at
+        )
+        return at if is_hidden else max(watched.under_way_at, watched.clean_since)
 
     def _limit_s(self, watched: _WatchedLift, name: str, truth: Truth) -> float:
         """Return how long an output may stay on without a request.

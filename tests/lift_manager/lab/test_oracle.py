@@ -356,6 +356,20 @@ def test_robot_mode_may_last_while_a_heartbeat_that_stands_still_hides_the_car()
     assert set(rules(oracle)) == {"output on too long"}
 
 
+def test_robot_mode_may_last_while_frozen_registers_show_a_car_that_moves_and_not_one_that_stands() -> None:
+    def kept_on(frozen_at: Truth) -> set[str]:
+        oracle = judge(excuses={"frozen_registers": Excuse(frozenset({SuspectValues.OUTPUT}), 4.0)})
+        given = (("robot_mode", 1),)
+        polled(oracle, 2.0, replace(frozen_at, given=given))
+        oracle.on_fault(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+        oracle.on_state(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
+        polled(oracle, 25.0, replace(STANDS_OPEN, given=given), since=2.2)
+        return set(rules(oracle))
+
+    assert kept_on(DRIVES) == set()
+    assert kept_on(STANDS_OPEN) == {"output on too long"}
+
+
 def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None:
     oracle = judge()
     polled(oracle, 2.0, replace(DRIVES, calls=frozenset({"L1"})))
