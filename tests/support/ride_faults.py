@@ -186,7 +186,9 @@ async def _long_restart(story: Story) -> None:
 async def _restart_and_heard(story: Story) -> None:
     story.plant.troubled = True
     await story.restart()
-    story.rig.say(story.robot.ride, RideWord.HERE)
+    answer = reply(lambda: story.rig.say(story.robot.ride, RideWord.HERE))
+    # the ride may be over: its robot may have been silent for too long before
+    assert not isinstance(answer, RequestRefused) or answer.message.startswith("the ride is over"), answer
 
 
 async def _cancel(story: Story) -> None:
