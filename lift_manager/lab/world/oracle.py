@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
 from lift_manager.lab.world.fault_names import fault_name
@@ -23,7 +23,7 @@ from lift_manager.lab.world.lift_under_test import (
 from lift_manager.lab.world.published_state import FalseClaim, false_claims
 from lift_manager.lab.world.requested_outputs import is_output_requested
 from lift_manager.lab.world.truth import History, Truth, starts_towards, truth_text
-from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
+from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lift.events import CommandEnded, HandedOver
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
@@ -152,6 +152,8 @@ class _WatchedLift:
     claims: deque[_Confirmation] = field(default_factory=deque)
     requests: dict[Holder, tuple[FloorRequest, FloorRequest]] = field(default_factory=dict)
     """The last accepted request of each holder, and the last one before it for another floor."""
+    releases_forgotten: set[Holder] = field(default_factory=set)
+    """Holders whose release may not have been on the disk at a restart: the manager goes on with what it remembers."""
     in_place_at: dict[Holder, float] = field(default_factory=dict)
     """When the robot of each holder last reported that it was inside, explicitly or by requesting another floor."""
     floor: FloorName | None = None
@@ -298,12 +300,17 @@ class Oracle:
             # a robot without a handshake shows by its next floor that it is inside
             watched.in_place_at[holder] = at
         watched.requests[holder] = request, before if last.floor == request.floor else last
+        watched.releases_forgotten.discard(holder)
 
     def on_fault(self, at: float, change: FaultChange) -> None:
         """Record which findings the fault excuses, and until when."""
         for lift, watched in self._lifts.items():
             if change.fault == RESTART:
                 watched.unrequested.clear()  # nothing could be released while the manager was down
+            if isinstance(change.fault, ForgottenRecords) and lift in change.fault.lifts:
+                watched.releases_forgotten |= {
+                    holder for holder, (last, _) in watched.requests.items() if not last.hold_door
+                }
             if change.where not in (lift, *watched.about.controllers):
                 continue
             watched.clean_since = at
@@ -547,6 +554,8 @@ class Oracle:
         report_due = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(
             state.holder, -math.inf
         )
+        if state.holder in watched.releases_forgotten:
+            requests = replace(requests[0], hold_door=True), requests[1]
         return is_output_requested(about, name, floor, truth, requests, on_s=on_s, report_due=report_due)
 
     def _check_confirmation(self, lift: str, watched: _WatchedLift, at: float, claim: _Confirmation) -> None:

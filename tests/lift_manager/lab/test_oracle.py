@@ -8,7 +8,7 @@ from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lab.world.lift_under_test import Excuse, LiftUnderTest, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FaultChange
+from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lift.events import CommandEnded
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
@@ -230,6 +230,22 @@ def test_a_door_that_is_held_for_nobody_is_found() -> None:
     assert rules(oracle) == []
     polled(oracle, 5.0, HELD, since=3.0)
     assert rules(oracle) == ["output on too long"]
+
+
+def test_a_release_that_did_not_reach_the_disk_before_a_kill_is_forgotten_and_no_other() -> None:
+    def held_after(*forgotten: str) -> list[str]:
+        oracle = judge()
+        oracle.on_request(0.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
+        oracle.on_state(0.0, "lift", state(robot_door=RobotDoor.MOVING, quality=Quality.OFFLINE))
+        polled(oracle, 4.0, HELD)
+        oracle.on_request(4.0, FloorRequest("lift", ROBOT, "L2", hold_door=False), None)
+        oracle.on_fault(4.2, FaultChange("disk", ForgottenRecords(forgotten), began=True))
+        oracle.on_state(4.2, "lift", state(robot_door=RobotDoor.MOVING))
+        polled(oracle, 10.0, HELD, since=4.2)
+        return rules(oracle)
+
+    assert held_after("lift") == []
+    assert "output on too long" in held_after("another")
 
 
 def test_a_door_that_is_held_for_longer_than_the_site_allows_is_found_although_somebody_wants_it() -> None:
