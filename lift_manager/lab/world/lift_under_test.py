@@ -92,7 +92,7 @@ class Excuse:
 
     kinds: frozenset[SuspectValues]
     within_s: float | None
-    """For how long after the fault began; None for as long as it lasts."""
+    """For how long after the fault began, or after frozen registers were first read; None for as long as it lasts."""
 
 
 @dataclass(frozen=True, slots=True)

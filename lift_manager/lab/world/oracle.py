@@ -99,6 +99,9 @@ class _Fault:
     command: str = ""
     """The only command that it affects; empty if it affects all."""
     ended_at: float = math.inf
+    unread_within_s: float | None = None
+    """For registers that nobody has read since they froze: how soon after that reading it must be noticed. None once they were read.
+    A change just before they froze is news to that reading."""
 
     def touches(self, command: str) -> bool:
         """Whether the fault affects this command. A foreign call affects every call: the car moves for it."""
@@ -272,6 +275,7 @@ class Oracle:
             if usable and not request.is_write and read in watched.about.blocks:
                 kept = watched.newest.setdefault(read, deque(maxlen=MAX_KEPT_ANSWERS))
                 kept.append((arrives, exchange.sent_at))
+                self._note_first_reading(watched, exchange.sent_at)
 
     def on_event(self, at: float, event: Event) -> None:
         """Check the evidence of confirmed commands, and move the requests of a session that is handed over."""
@@ -387,11 +391,12 @@ class Oracle:
         ]
         if change.began:
             until = math.inf if excuse.within_s is None else at + excuse.within_s
-            kinds = excuse.kinds
+            began = _Fault(name, excuse.kinds, at, until, command)
             if name in FROZEN_FAULTS:
                 # what another fault has put into the registers stays there
-                kinds = kinds.union(*(one.kinds for one in watched.faults if one.since <= at <= one.until))
-            watched.faults.append(_Fault(name, kinds, at, until, command))
+                began.kinds = began.kinds.union(*(one.kinds for one in watched.faults if one.since <= at <= one.until))
+                began.until, began.unread_within_s = math.inf, excuse.within_s
+            watched.faults.append(began)
             return
         for fault in watched.faults:
             if (fault.name, fault.command, fault.ended_at) == (name, command, math.inf):
@@ -401,6 +406,17 @@ class Oracle:
                     watched.stuck |= dict.fromkeys((on for on, _ in watched.on_since), at + FOREIGN_CLEARED_S)
                 fault.until = min(fault.until, at + AFTER_EFFECT_S.get(name, SETTLES_S))
                 return
+
+    @staticmethod
+    def _note_first_reading(watched: _WatchedLift, requested_at: float) -> None:
+        """From the first complete reading of frozen registers on, the time runs in which they must be noticed."""
+        for fault in watched.faults:
+            if fault.unread_within_s is not None and all(
+                block in watched.newest and watched.newest[block][-1][1] >= fault.since
+                for block in watched.about.blocks
+            ):
+                fault.until = min(fault.until, requested_at + fault.unread_within_s)
+                fault.unread_within_s = None
 
     def _track_wire(
         self,

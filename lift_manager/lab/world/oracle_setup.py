@@ -39,7 +39,7 @@ def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
         timeout_s={controller: loaded.links[controller].timeout_s for controller in controllers},
         max_session_hold_s=spec.max_session_hold_s,
         arrive_within_s=arrive_within_s,
-        excuses=excuses(shows, max_age_s=max_age_s, arrive_within_s=arrive_within_s, poll_s=loaded.poll_s(name)),
+        excuses=excuses(shows, max_age_s=max_age_s, arrive_within_s=arrive_within_s),
         blocks=_blocks(loaded, name, codec),
         poll_s=loaded.poll_s(name),
         between_sessions_s=spec.between_sessions_s,

@@ -237,10 +237,10 @@ _UNDETECTABLE_FAULTS = frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT})
 """For frozen registers. The judge itself knows what may be published meanwhile: the lift as it was when they froze."""
 
 
-def excuses(shows: MapEvidence, *, max_age_s: float, arrive_within_s: float, poll_s: float) -> dict[str, Excuse]:
+def excuses(shows: MapEvidence, *, max_age_s: float, arrive_within_s: float) -> dict[str, Excuse]:
     """Return what each fault may make wrong, by its name. A fault that is missing here excuses nothing."""
-    # the last beat is read within one poll; then the time for the next beat runs, and the last valid reading is kept for its maximum age
-    stands_still = None if shows.beats_within_s is None else poll_s + shows.beats_within_s + max_age_s
+    # the time for the next beat runs from the first reading on; after that the last valid reading is kept for its maximum age
+    stands_still = None if shows.beats_within_s is None else shows.beats_within_s + max_age_s
     found = {
         # a call counts as taken while the car moves; until the time limit of the trip nothing shows that the car does not come
         "wrong_floor": Excuse(_LATE_FAULTS, arrive_within_s),

@@ -286,6 +286,19 @@ def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_
     assert oracle.excused == ({} if found else {("lift", "said open and was not", "frozen_registers"): 1})
 
 
+@pytest.mark.parametrize(("at", "found"), [(4.5, []), (5.5, ["said open and was not"])])
+def test_registers_that_froze_before_a_slow_answer_must_be_noticed_only_from_the_next_reading_on(
+    at: float, found: list[str]
+) -> None:
+    # the alive counter of that reading has changed since the one before
+    oracle = judge(excuses=frozen(2.0))
+    polled(oracle, 1.9)
+    oracle.on_fault(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+    polled(oracle, 6.0, SHUT, since=3.0)
+    oracle.on_state(at, "lift", state())
+    assert rules(oracle) == found
+
+
 @pytest.mark.parametrize(("age_s", "found"), [(0.5, []), (0.2, ["said open and was not"])])
 def test_an_answer_from_frozen_registers_that_came_after_they_moved_again_shows_what_they_showed(
     age_s: float, found: list[str]
