@@ -155,8 +155,8 @@ class _WatchedLift:
     claims: deque[_Confirmation] = field(default_factory=deque)
     requests: dict[Holder, tuple[FloorRequest, FloorRequest]] = field(default_factory=dict)
     """The last accepted request of each holder, and the last one before it for another floor."""
-    releases_forgotten: set[Holder] = field(default_factory=set)
-    """Holders whose release may not have been on the disk at a restart: the manager goes on with what it remembers."""
+    forgotten: set[Holder] = field(default_factory=set)
+    """Holders whose newest request may not have been on the disk at a restart: the manager goes on with what it remembers."""
     in_place_at: dict[Holder, float] = field(default_factory=dict)
     """When the robot of each holder last reported that it was inside, explicitly or by requesting another floor."""
     floor: FloorName | None = None
@@ -280,9 +280,11 @@ class Oracle:
     def on_event(self, at: float, event: Event) -> None:
         """Check the evidence of confirmed commands, and move the requests of a session that is handed over."""
         if isinstance(event, HandedOver):
-            requests = self._lifts[event.lift].requests
-            if event.holder in requests:
-                requests[event.to] = requests[event.holder]
+            watched = self._lifts[event.lift]
+            if event.holder in watched.requests:
+                watched.requests[event.to] = watched.requests[event.holder]
+            if event.holder in watched.forgotten:
+                watched.forgotten.add(event.to)
         if isinstance(event, CommandEnded) and event.outcome.result is Result.CONFIRMED:
             watched, outcome = self._lifts[event.lift], event.outcome
             proofs = watched.about.shows.proofs.get(outcome.command.kind)
@@ -304,7 +306,7 @@ class Oracle:
             # a robot without a handshake shows by its next floor that it is inside
             watched.in_place_at[holder] = at
         watched.requests[holder] = request, before if last.floor == request.floor else last
-        watched.releases_forgotten.discard(holder)
+        watched.forgotten.discard(holder)
 
     def on_fault(self, at: float, change: FaultChange) -> None:
         """Record which findings the fault excuses, and until when."""
@@ -312,9 +314,7 @@ class Oracle:
             if change.fault == RESTART:
                 watched.unrequested.clear()  # nothing could be released while the manager was down
             if isinstance(change.fault, ForgottenRecords) and lift in change.fault.lifts:
-                watched.releases_forgotten |= {
-                    holder for holder, (last, _) in watched.requests.items() if not last.hold_door
-                }
+                watched.forgotten.update(watched.requests)
             if change.where not in (lift, *watched.about.controllers):
                 continue
             watched.clean_since = at
@@ -570,9 +570,14 @@ class Oracle:
         report_due = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(
             state.holder, -math.inf
         )
-        if state.holder in watched.releases_forgotten:
-            requests = replace(requests[0], hold_door=True), requests[1]
-        return is_output_requested(about, name, floor, truth, requests, on_s=on_s, report_due=report_due)
+        remembered = [requests]
+        if state.holder in watched.forgotten:
+            last, before = requests
+            remembered += ((replace(one, hold_door=True), before) for one in (last, before))
+        return any(
+            is_output_requested(about, name, floor, truth, pair, on_s=on_s, report_due=report_due)
+            for pair in remembered
+        )
 
     def _check_confirmation(self, lift: str, watched: _WatchedLift, at: float, claim: _Confirmation) -> None:
         claimed_at, pressed_at, outcome = claim

@@ -112,6 +112,8 @@ class _LiftNotes:
     """The holder and the floor of that invitation."""
     gave_up_at: dict[Holder, float] = field(default_factory=dict)
     """When each holder last requested no door hold, or another floor."""
+    off_at: dict[str, float] = field(default_factory=dict)
+    """When each command was last taken from the controller."""
     robot_mode_at: float = -math.inf
     stood_at: float = -math.inf
     """When the car last stood. The manager knows that it has started with the next reading."""
@@ -143,6 +145,8 @@ class Rules:
         if truth.mode in MODES_WITHOUT_ROBOTS or truth.bars & notes.about.shows.bars:
             notes.mode_at = at
         _track_holds(at, notes, truth)
+        if before is not None and before.given != truth.given:
+            notes.off_at |= dict.fromkeys(before.commands - truth.commands, at)
         if truth.robot_mode:
             notes.robot_mode_at = at
         dropped = before is not None and before.robot_mode and "robot_mode" in before.commands - truth.commands
@@ -173,8 +177,8 @@ class Rules:
         for name in sorted(commands - {"robot_left"} - notes.about.repeated):
             if not self._was_requested(notes, name):
                 rule, text = "pressed by a restart", f"{name}, and the holder has not requested that since"
-                # frozen registers still show a hold that was released meanwhile: it is found on, and refreshed
-                frozen = self._oracle.frozen_by(lift, notes.fell_at, at) if name in notes.about.holds else None
+                # frozen registers still show an output that was released meanwhile: it is found on, and refreshed
+                frozen = self._oracle.frozen_by(lift, notes.off_at.get(name, -math.inf), at)
                 if frozen is not None:
                     self._oracle.excuse_finding(lift, rule, frozen)
                 else:

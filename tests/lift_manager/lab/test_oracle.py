@@ -9,7 +9,7 @@ from lift_manager.lab.world.lift_under_test import Excuse, LiftUnderTest, MapEvi
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
-from lift_manager.lift.events import CommandEnded
+from lift_manager.lift.events import CommandEnded, HandedOver
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, Quality
@@ -232,15 +232,20 @@ def test_a_door_that_is_held_for_nobody_is_found() -> None:
     assert rules(oracle) == ["output on too long"]
 
 
-def test_a_release_that_did_not_reach_the_disk_before_a_kill_is_forgotten_and_no_other() -> None:
+@pytest.mark.parametrize("newest", ["a release", "a call that releases", "a release, then handed over"])
+def test_what_did_not_reach_the_disk_before_a_kill_is_forgotten_and_nothing_else(newest: str) -> None:
     def held_after(*forgotten: str) -> list[str]:
-        oracle = judge()
+        oracle, holder = judge(), ROBOT
         oracle.on_request(0.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
         oracle.on_state(0.0, "lift", state(robot_door=RobotDoor.MOVING, quality=Quality.OFFLINE))
         polled(oracle, 4.0, HELD)
-        oracle.on_request(4.0, FloorRequest("lift", ROBOT, "L2", hold_door=False), None)
+        floor = "L1" if newest == "a call that releases" else "L2"
+        oracle.on_request(4.0, FloorRequest("lift", ROBOT, floor, hold_door=False), None)
         oracle.on_fault(4.2, FaultChange("disk", ForgottenRecords(forgotten), began=True))
-        oracle.on_state(4.2, "lift", state(robot_door=RobotDoor.MOVING))
+        if newest == "a release, then handed over":
+            holder = Holder("fleet", "r2")
+            oracle.on_event(4.2, HandedOver("lift", ROBOT, holder))
+        oracle.on_state(4.2, "lift", state(robot_door=RobotDoor.MOVING, holder=holder))
         polled(oracle, 10.0, HELD, since=4.2)
         return rules(oracle)
 

@@ -239,12 +239,13 @@ def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> 
     assert found(oracle) == ["pressed by a restart"]
 
 
+@pytest.mark.parametrize("output", ["hold_door.front", "robot_mode"])
 @pytest.mark.parametrize("frozen_at", [1.5, 2.5])
-def test_a_hold_that_frozen_registers_still_show_is_kept_by_a_restart(frozen_at: float) -> None:
+def test_an_output_that_frozen_registers_still_show_is_kept_by_a_restart(output: str, frozen_at: float) -> None:
     frozen_shows = Excuse(frozenset({SuspectValues.OUTPUT}), None)
-    oracle, rules = book(holds=frozenset({"hold_door.front"}), excuses={"frozen_registers": frozen_shows})
+    oracle, rules = book(excuses={"frozen_registers": frozen_shows})
     for witness in (oracle, rules):
-        witness.on_truth(1.0, "lift", HELD)
+        witness.on_truth(1.0, "lift", replace(STANDS_OPEN, given=((output, 1),)))
     frozen = FaultChange("lift", FrozenRegisters(), began=True)
     for at, happens in sorted([(2.0, None), (frozen_at, frozen)], key=lambda one: one[0]):
         for witness in (oracle, rules):
@@ -253,7 +254,7 @@ def test_a_hold_that_frozen_registers_still_show_is_kept_by_a_restart(frozen_at:
             else:
                 witness.on_fault(at, happens)
     rules.on_fault(3.0, FaultChange("manager", RESTART, began=True))
-    rules.on_press(4.0, "lift", frozenset({"hold_door.front"}))
+    rules.on_press(4.0, "lift", frozenset({output}))
     assert found(oracle) == ([] if frozen_at < 2.0 else ["pressed by a restart"])
 
 
