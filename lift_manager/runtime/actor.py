@@ -118,15 +118,13 @@ class LiftActor:
     # -- what happens
 
     def handle(self, happened: Input) -> Reply | None:
-        """Take one input and everything that it brings about; return the reply to whoever made it. Not re-entrant."""
+        """Take what was reported and then this input; return the reply to whoever made it. What it brings about comes soon. Not re-entrant."""
         self.begin()
         self.inbox.take_all()
         self._take_trouble()
         if isinstance(happened, Request):
             self.freshen()  # what is decided has a later number than every state before it
-        reply = self._take(happened)
-        self.inbox.take_all()
-        return reply
+        return self._take(happened)
 
     def take_reading(self, reading: LiftReading) -> None:
         """Take a poll that was answered; one without news costs next to nothing."""

@@ -122,7 +122,7 @@ class DropsEndBeforeRequest(Adapter):
 
 
 class EndMovesTheCar(_Asks):
-    """Takes the floor of END_SESSION for a command, as the simulator does."""
+    """Takes an END_SESSION with a floor for a command to go there."""
 
     def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._floors: Mapping[str, str] = {}
@@ -141,7 +141,7 @@ class EndMovesTheCar(_Asks):
     def _with_floor(self, asked: ManagerRequest) -> tuple[ManagerRequest, ...]:
         if isinstance(asked, EndOfSession) and self._end is not None and self._end.session_id == asked.session:
             floor, self._end = self._floors[self._end.destination_floor], None
-            return SessionDemand(asked.lift, asked.session, floor, hold_door=False), asked
+            return (SessionDemand(asked.lift, asked.session, floor, hold_door=False),)
         return (asked,)
 
 
