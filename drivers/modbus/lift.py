@@ -12,10 +12,10 @@ from drivers.errors import (
     PointsRefused,
     UnitOffline,
 )
+from drivers.modbus.alive_counter import SIGNAL, AliveCounter
 from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.foreign_writes import ForeignWriteCheck
-from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.link import Link
 from drivers.modbus.output_worker import OutputWorker
 from drivers.modbus.outputs import Outputs
@@ -77,7 +77,7 @@ class ModbusLift:
         self._signals: Signals | None = None
         self._epoch = 0
         self._epochs: dict[str, int] = {}
-        self._heartbeat = Heartbeat(codec, link.name)
+        self._alive = AliveCounter(codec, link.name)
         watchdog = codec.map.signals.get("watchdog_time")
         self._watchdog_unit_s = (watchdog.unit_s if watchdog is not None else None) or 1.0
         car_floor = codec.map.signals.get("car_floor")
@@ -113,7 +113,7 @@ class ModbusLift:
             self._outputs,
             self._presses,
             self._units,
-            self._heartbeat,
+            self._alive,
             self._reports,
             is_unread=self._is_unread,
         )
@@ -176,10 +176,10 @@ class ModbusLift:
         if changed or values is None:
             values = self._update_values(changed or frozenset(), at)
         if is_new:
-            self._heartbeat.connected(self._epochs, at)
+            self._alive.connected(self._epochs, at)
             self._presses.restart(values, at)
-        if at > self._heartbeat.live_until:
-            raise self._heartbeat.error(at)
+        if at > self._alive.live_until:
+            raise self._alive.error(at)
         if self._presses.waiting:
             self._presses.check_proof(values, at)
         return LiftReading(
@@ -294,7 +294,7 @@ class ModbusLift:
 
     def _update_values(self, changed: frozenset[str], at: float) -> LiftValues:
         if SIGNAL in changed:
-            self._heartbeat.beat(at)
+            self._alive.beat(at)
         values = self._reports.values
         if values is None or changed != _ONLY_ALIVE:
             self._reports.values = values = lift_values(

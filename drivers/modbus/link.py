@@ -14,8 +14,8 @@ from enum import StrEnum, unique
 
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
 from drivers.modbus.declared_writes import DeclaredWrites, UndeclaredWrite
-from drivers.modbus.exchange import NO_ANSWER, Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
+from drivers.modbus.transactions import NO_ANSWER, Permit, Transactions
 from drivers.modbus.wire import OnBytes, Wire
 from drivers.rate_limits import SUMMARY_EVERY_S, ChangeRateLimiter
 from register_maps.frames import Request
@@ -57,7 +57,7 @@ class Link:
         """What the lifts on this link may write; any other write is a bug. None before a lift is added."""
         self._make_wire = make_wire
         self._wire: Wire | None = None
-        self._exchange: Exchange | None = None
+        self._transactions: Transactions | None = None
         self._listeners: tuple[OnBytes, ...] = ()
         self._wire_listener: OnBytes | None = None
         """The listener that the wire had when it was made."""
@@ -85,7 +85,7 @@ class Link:
     @property
     def in_doubt(self) -> bool:
         """Whether it is up but the last request was not answered in time: presses are refused until an answer comes."""
-        return self._exchange is not None and self._exchange.in_doubt
+        return self._transactions is not None and self._transactions.in_doubt
 
     @property
     def reason(self) -> str:
@@ -100,12 +100,12 @@ class Link:
     @property
     def in_flight(self) -> bool:
         """Whether a request was sent and its answer is awaited."""
-        return self._exchange is not None and self._exchange.in_flight
+        return self._transactions is not None and self._transactions.in_flight
 
     @property
     def waiting(self) -> tuple[int, int]:
         """How many requests wait for their turn: (reads, commands)."""
-        return (0, 0) if self._exchange is None else self._exchange.waiting
+        return (0, 0) if self._transactions is None else self._transactions.waiting
 
     @contextmanager
     def tap(self, listener: OnBytes) -> Iterator[None]:
@@ -125,19 +125,19 @@ class Link:
 
     async def read(self, request: Request) -> bytes:
         """Register or bit bytes, in the read lane. Raises a DriverError: LinkDown, AnswerTimeout and so on."""
-        if self._exchange is None:
+        if self._transactions is None:
             raise self._link_down()
         if request.values:
             raise ValueError(f"not a read: {request}")
-        return await self._exchange.read(request)
+        return await self._transactions.read(request)
 
     async def read_urgent(self, request: Request) -> bytes:
         """As `read`, in the command lane: to read back the effect of a command."""
-        if self._exchange is None:
+        if self._transactions is None:
             raise self._link_down()
         if request.values:
             raise ValueError(f"not a read: {request}")
-        return await self._exchange.command(request, None)
+        return await self._transactions.command(request, None)
 
     async def write(self, request: Request, permit: Permit | None = None, *, presses: bool = True) -> None:
         """Write, in the command lane; never sent a second time. Raises as `read`, and PressRefused if `permit` objects.
@@ -150,9 +150,9 @@ class Link:
             raise ValueError(f"not a write: {request}")
         if self.declared is not None and not self.declared.allows(request):
             raise UndeclaredWrite(self.name, request)
-        if self._exchange is None:
+        if self._transactions is None:
             raise self._link_down()
-        await self._exchange.command(request, permit, presses=presses)
+        await self._transactions.command(request, permit, presses=presses)
 
     async def wait_up(self) -> int:
         """Wait until it is up; returns the epoch. Raises LinkDown once the link is closed."""
@@ -199,7 +199,7 @@ class Link:
         wire = self._wire = self._make_wire()
         self._wire_listener = wire.on_bytes
         self._listen()
-        exchange = Exchange(
+        transactions = Transactions(
             self.name,
             self.settings,
             self.stats,
@@ -211,21 +211,21 @@ class Link:
         self._down.clear()
         self._state = LinkState.CONNECTING
         try:
-            await wire.open(exchange.on_frame, self._on_lost, timeout_s=self.settings.connect_timeout_s)
+            await wire.open(transactions.on_frame, self._on_lost, timeout_s=self.settings.connect_timeout_s)
         except ConnectFailed as error:
             self.stats.failed_connects += 1
             # Without a wire it was ended meanwhile, for a better reason.
             if self._wire is not None:
                 self._end_connection(f"{error}{self._slot_hint(error)}")
             return False
-        self._exchange = exchange
+        self._transactions = transactions
         self.epoch += 1
         self.stats.connects += 1
         self._state, self._reason, self._since = LinkState.UP, "", asyncio.get_running_loop().time()
         _logger.debug("%s: connected to %s", self.name, wire.peer)
         self._up.set()
         await self._down.wait()
-        return exchange.proved
+        return transactions.proved
 
     def _listen(self) -> None:
         """Listen to the wire only while there are listeners: each frame costs a call."""
@@ -282,10 +282,10 @@ class Link:
         self._state, self._reason = LinkState.DOWN, reason
         self._up.clear()
         self._down.set()
-        exchange, self._exchange = self._exchange, None
-        if exchange is not None:
-            self._last_tid = exchange.last_tid
-            exchange.stop(reason, self._link_down)
+        transactions, self._transactions = self._transactions, None
+        if transactions is not None:
+            self._last_tid = transactions.last_tid
+            transactions.stop(reason, self._link_down)
 
     def _on_proved(self) -> None:
         """End the outage at the first answer: some controllers accept every connection and serve none."""

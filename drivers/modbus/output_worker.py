@@ -8,7 +8,6 @@ import math
 from contextlib import suppress
 
 from drivers.errors import BUSY, ControllerException, Delivery, DriverError, PressRefused
-from drivers.modbus.exchange import Permit
 from drivers.modbus.foreign_writes import ForeignWriteCheck
 from drivers.modbus.output import matches
 from drivers.modbus.outputs import Outputs
@@ -16,6 +15,7 @@ from drivers.modbus.permission import Permissions
 from drivers.modbus.presses import NOT_SENT, Press, Presses
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.steps import CHANGING_KINDS, Phase, Step, StepKind
+from drivers.modbus.transactions import Permit
 from drivers.modbus.writer import Writer
 from drivers.model import Result
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 
-from drivers.modbus.exchange import Permit
-from drivers.modbus.heartbeat import Heartbeat
+from drivers.modbus.alive_counter import AliveCounter
 from drivers.modbus.outputs import Outputs
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.steps import KINDS_WITH_PERMIT, READ_ONLY_KINDS, Step, StepKind
+from drivers.modbus.transactions import Permit
 from drivers.modbus.units import Units
 from drivers.model import LiftValues, Result
 from register_maps.codec import Codec, CommandCodec
@@ -30,7 +30,7 @@ class Permissions:
         outputs: Outputs,
         presses: Presses,
         units: Units,
-        heartbeat: Heartbeat,
+        alive: AliveCounter,
         reports: DriverReports,
         is_unread: Callable[[], bool],
     ) -> None:
@@ -40,7 +40,7 @@ class Permissions:
         self._outputs = outputs
         self._presses = presses
         self._units = units
-        self._heartbeat = heartbeat
+        self._alive = alive
         self._reports = reports
         self._is_unread = is_unread
 
@@ -97,7 +97,7 @@ class Permissions:
                 return "it is no longer requested"
             if press is not None and self.missing_flags(step.name):
                 press.grant_missing = True
-            if self._heartbeat.is_awaited:
+            if self._alive.is_awaited:
                 # of this step alone: neighbours that are on are not released because of it
                 return "its alive counter has not changed on this connection yet"
             return self._refusal(step.name) or self._first_refusal(self._outputs.neighbours(step))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from drivers.errors import ACCEPTED, ControllerException
 from drivers.modbus.declared_writes import DeclaredWrites
-from drivers.modbus.exchange import Permit
 from drivers.modbus.link import Link, LinkState
+from drivers.modbus.transactions import Permit
 from register_maps import frames
 from register_maps.codec import Block, Cell, CommandCodec
 from register_maps.frames import Request

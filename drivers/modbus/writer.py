@@ -7,10 +7,10 @@ from collections.abc import AsyncIterator, Collection, Mapping
 from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.confirm import confirmation_of
-from drivers.modbus.exchange import Permit
 from drivers.modbus.output import Cells, matches
 from drivers.modbus.plan import plan_reads
 from drivers.modbus.steps import READ_ONLY_KINDS, Step, StepKind
+from drivers.modbus.transactions import Permit
 from drivers.modbus.units import Units
 from drivers.modbus.write_reports import CUT_SHORT, WriteReports, hex_frames
 from drivers.modbus.writes import block_request, block_write, blocks_in_order, read_back_blocks, step_requests

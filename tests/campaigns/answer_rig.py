@@ -11,9 +11,9 @@ from random import Random
 from typing import Any, Protocol
 
 from drivers.errors import ControllerException, Delivery, DriverError
-from drivers.modbus.exchange import Permit
 from drivers.modbus.memory import MemoryWire
 from drivers.modbus.settings import LinkSettings
+from drivers.modbus.transactions import Permit
 from drivers.modbus.wire import Wire
 from register_maps import frames
 from register_maps.frames import Request

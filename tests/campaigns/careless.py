@@ -14,8 +14,8 @@ from drivers.errors import (
     DriverError,
     LinkDown,
 )
-from drivers.modbus.exchange import Permit
 from drivers.modbus.settings import LinkSettings
+from drivers.modbus.transactions import Permit
 from drivers.modbus.wire import Wire
 from register_maps import frames
 from register_maps.frames import Request

@@ -71,7 +71,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "answer check",
         (
             Edit(
-                "drivers/modbus/exchange.py",
+                "drivers/modbus/transactions.py",
                 "if job is None or (self._tid_echo and (answer[0] << 8 | answer[1]) != self.last_tid):",
                 "if job is None:",
             ),

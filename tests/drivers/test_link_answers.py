@@ -14,9 +14,9 @@ from drivers.errors import (
     LinkDown,
     UnitOffline,
 )
-from drivers.modbus.exchange import Exchange
 from drivers.modbus.link import LinkSettings, LinkState, LinkStats
 from drivers.modbus.memory import Fault, MemoryDevice, MemoryWire, Reply, edited, exception, late, silence, twice
+from drivers.modbus.transactions import Transactions
 from register_maps import frames
 from register_maps.words import Table
 from tests.drivers.linked import linked, now, outcome, virtual
@@ -342,12 +342,12 @@ async def test_transaction_ids_run_from_1_to_65535_and_never_through_0() -> None
         return [(0.0, frames.answer(READ, tids[-1], b"\x00\x00"))]
 
     wire = MemoryWire(answer)
-    exchange = Exchange(
+    transactions = Transactions(
         "lobby", LinkSettings(), LinkStats(), wire, last_tid=65533, on_broken=pytest.fail, on_proved=lambda: None
     )
-    await wire.open(exchange.on_frame, pytest.fail, timeout_s=1)
+    await wire.open(transactions.on_frame, pytest.fail, timeout_s=1)
     for _ in range(4):
-        await exchange.read(READ)
+        await transactions.read(READ)
     assert tids == [65534, 65535, 1, 2]
 
 
@@ -371,12 +371,12 @@ async def test_only_an_answer_to_a_recent_request_of_this_connection_is_late(
     broken: list[str] = []
     stats = LinkStats()
     wire = MemoryWire(lambda frame: [(0.0, frames.answer(READ, frames.tid_of(frame), b"\x00\x00"))])
-    exchange = Exchange(
+    transactions = Transactions(
         "lobby", LinkSettings(), stats, wire, last_tid=last_tid, on_broken=broken.append, on_proved=lambda: None
     )
-    await wire.open(exchange.on_frame, pytest.fail, timeout_s=1)
+    await wire.open(transactions.on_frame, pytest.fail, timeout_s=1)
     for _ in range(asked_before):
-        await exchange.read(READ)
+        await transactions.read(READ)
     wire.deliver(frames.answer(READ, tid, b"\x00\x00"))
     assert (stats.late, stats.desyncs, len(broken)) == ((1, 0, 0) if late else (0, 1, 1))
 

@@ -12,7 +12,7 @@ SIGNAL = "alive"
 BIT_IN_STEP = "; a bit that changes in step with the polls always reads the same; it must stay for more than two polls"
 
 
-class Heartbeat:
+class AliveCounter:
     """Watches the alive counter of one lift.
 
     Readings over a new connection count only once the counter has changed on it: a restarted controller whose program is frozen

@@ -62,7 +62,7 @@ _LAST_LOOKS = 2
 runs timers before it reads, and callbacks of timers too."""
 
 
-class Exchange:
+class Transactions:
     """Sends one request at a time over one open wire; commands before reads, each lane in order.
 
     A caller that is cancelled before its request was sent leaves the lane. After that the lane stays occupied until the
