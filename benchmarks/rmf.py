@@ -38,8 +38,8 @@ from benchmarks.common import (
     running,
     site_file,
 )
-from lift_manager.rmf.contract import REPLAY_S
 from lift_manager.rmf.dds import Monitor
+from lift_manager.rmf.lift_sessions import REPLAY_S
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.ros_settings import RosSettings
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.alarms import AlarmPublisher, FireAlarm
-from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Disposition, LiftContract
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.ignored_requests import USUAL, explain_ignored, quoted
+from lift_manager.rmf.lift_sessions import REPLAY_S, TEXT_LIMIT, Disposition, LiftSessions
 from lift_manager.rmf.lift_state import Cadence, as_offline, make_state, stale_at
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, Manager
@@ -44,14 +44,14 @@ class RmfOutput:
 class _Lift:
     """One lift, and when its next state is due."""
 
-    def __init__(self, contract: LiftContract, cadence: Cadence, sent_at: float) -> None:
-        self.contract = contract
+    def __init__(self, sessions: LiftSessions, cadence: Cadence, sent_at: float) -> None:
+        self.sessions = sessions
         self.cadence = cadence
         self.sent_at = sent_at
         self.next_at = -math.inf
 
     def make_state(self, now: float, ros_time: float) -> LiftState:
-        return make_state(self.contract, self.sent_at, now, ros_time)
+        return make_state(self.sessions, self.sent_at, now, ros_time)
 
 
 class Adapter:
@@ -94,20 +94,20 @@ class Adapter:
             self._count("", disposition)
             self._explain(disposition, request, None)
             return
-        held = lift.contract.holds_lift
-        disposition = lift.contract.handle_request(request, now, replay=now < self._replay_until)
+        held = lift.sessions.holds_lift
+        disposition = lift.sessions.handle_request(request, now, replay=now < self._replay_until)
         if held and disposition is Disposition.ENDED:
             _log.info("%s: %s has ended its session", request.lift_name, quoted(request.session_id))
         lift.next_at = -math.inf
         self._count(request.lift_name, disposition)
-        self._explain(disposition, request, lift.contract)
+        self._explain(disposition, request, lift.sessions)
 
     def on_fleet_request(self, request: LiftRequest, now: float) -> None:
         """Process what a fleet sends to its lift supervisor: an END ends the session even if the supervisor does not pass it on."""
         lift = self._lifts.get(request.lift_name)
         if lift is not None:
-            lift.contract.handle_fleet_request(request, now)
-            lift.next_at = min(lift.next_at, lift.contract.due_at(now))
+            lift.sessions.handle_fleet_request(request, now)
+            lift.next_at = min(lift.next_at, lift.sessions.due_at(now))
         elif self._site is None:
             self._remember_early_end(request, self._early_ends_of_fleets)
 
@@ -137,17 +137,17 @@ class Adapter:
         self._forget_gone(site, now)
         for index, view in enumerate(site.lifts):
             lift = self._lifts.get(view.name)
-            if lift is None or lift.contract.view.lift != view.lift:
+            if lift is None or lift.sessions.view.lift != view.lift:
                 # another lift of the site has this name now: the answer to a request about the old one does not count any more
-                contract = LiftContract(view, site.end_grace_s, self._adapter_id)
-                lift = self._lifts[view.name] = _Lift(contract, Cadence(index, len(site.lifts), now), sent_at)
-            contract = lift.contract
-            contract.grace_s, lift.next_at = site.end_grace_s, -math.inf
-            before = contract.session if contract.holds_lift else ""
-            if contract.update_view(view, site.boot, site.event, now):
+                sessions = LiftSessions(view, site.end_grace_s, self._adapter_id)
+                lift = self._lifts[view.name] = _Lift(sessions, Cadence(index, len(site.lifts), now), sent_at)
+            sessions = lift.sessions
+            sessions.grace_s, lift.next_at = site.end_grace_s, -math.inf
+            before = sessions.session if sessions.holds_lift else ""
+            if sessions.update_view(view, site.boot, site.event, now):
                 lift.sent_at = sent_at
-            self._log_holder_change(view.name, before, contract.session if contract.holds_lift else "")
-        self._by_site_name = {lift.contract.view.lift: lift for lift in self._lifts.values()}
+            self._log_holder_change(view.name, before, sessions.session if sessions.holds_lift else "")
+        self._by_site_name = {lift.sessions.view.lift: lift for lift in self._lifts.values()}
         self._apply_early_ends(now)
         self._fire.update(site, now)
 
@@ -157,9 +157,9 @@ class Adapter:
         if lift is None:
             return  # of an earlier site file
         lift.next_at = -math.inf
-        before, name = lift.contract.holds_lift, lift.contract.view.name
-        lift.contract.handle_answer(answer, now)
-        if lift.contract.holds_lift and not before:
+        before, name = lift.sessions.holds_lift, lift.sessions.view.name
+        lift.sessions.handle_answer(answer, now)
+        if lift.sessions.holds_lift and not before:
             _log.info("%s: %s has the lift", name, quoted(answer.request.session))
             self._logged = {logged for logged in self._logged if logged[0] != name or logged[1] in _LOGGED_ONCE}
         if not answer.accepted and answer.code not in (UNREACHABLE, NOT_SENT):
@@ -173,7 +173,7 @@ class Adapter:
             _log.warning("the manager does not answer: %s; its lifts are offline for RMF", reason)
         self._lost_reason = reason
         for lift in self._lifts.values():
-            lift.contract.manager_lost, lift.next_at = True, -math.inf
+            lift.sessions.manager_lost, lift.next_at = True, -math.inf
 
     def tick(self, now: float) -> float:
         """Publish and send what is due; return when to call this again at the latest. Call it after every method above, too."""
@@ -188,20 +188,20 @@ class Adapter:
     def _update_lift(self, lift: _Lift, now: float) -> float:
         if now < lift.next_at:
             return lift.next_at
-        contract = lift.contract
-        if session := contract.enforce_fleet_end(now):
-            self._count(contract.view.name, Disposition.ENDED)
+        sessions = lift.sessions
+        if session := sessions.enforce_fleet_end(now):
+            self._count(sessions.view.name, Disposition.ENDED)
             text = "%s: %s has ended its session, and the lift supervisor has not passed the END on; the session ends all the same"
-            _log.warning(text, contract.view.name, quoted(session))
-        if (request := contract.next_request(now)) is not None:
+            _log.warning(text, sessions.view.name, quoted(session))
+        if (request := sessions.next_request(now)) is not None:
             self._manager.send(request)
         state = lift.make_state(now, self._ros_time())
         if lift.cadence.is_due(state, now):
             self._output.publish(state)
             self.counts.states[state.lift_name] += 1
             lift.cadence.mark_sent(state, now)
-        stale = stale_at(contract.view, lift.sent_at)
-        lift.next_at = min(lift.cadence.next_at(state), contract.due_at(now), stale if stale > now else math.inf)
+        stale = stale_at(sessions.view, lift.sent_at)
+        lift.next_at = min(lift.cadence.next_at(state), sessions.due_at(now), stale if stale > now else math.inf)
         return lift.next_at
 
     def _handle_without_lift(self, request: LiftRequest) -> Disposition:
@@ -219,11 +219,11 @@ class Adapter:
 
     def _apply_early_ends(self, now: float) -> None:
         for name, session in self._early_ends:
-            if (lift := self._lifts.get(name)) is not None and lift.contract.session == session:
-                lift.contract.end_session(session, now)
+            if (lift := self._lifts.get(name)) is not None and lift.sessions.session == session:
+                lift.sessions.end_session(session, now)
         for name, session in self._early_ends_of_fleets:
             if (lift := self._lifts.get(name)) is not None:
-                lift.contract.handle_fleet_end(session, now)
+                lift.sessions.handle_fleet_end(session, now)
         self._early_ends.clear()
         self._early_ends_of_fleets.clear()
 
@@ -234,7 +234,7 @@ class Adapter:
             lift = self._lifts.pop(name)
             # a reader that keeps the last state would see an open door forever
             self._output.publish(as_offline(lift.make_state(now, self._ros_time())))
-            if sessions := lift.contract.undelivered_sessions:
+            if sessions := lift.sessions.undelivered_sessions:
                 ended = ", ".join(map(quoted, sessions))
                 text = (
                     "%s: the manager has not confirmed the end of the session of %s, which is forgotten with the lift"
@@ -244,12 +244,12 @@ class Adapter:
     def _count(self, lift: str, disposition: Disposition) -> None:
         self.counts.requests[lift, disposition.value] += 1
 
-    def _explain(self, disposition: Disposition, request: LiftRequest, contract: LiftContract | None) -> None:
+    def _explain(self, disposition: Disposition, request: LiftRequest, sessions: LiftSessions | None) -> None:
         """Log one line for each cause and lift, not one for each message."""
-        name = "" if contract is None else contract.view.name
+        name = "" if sessions is None else sessions.view.name
         if disposition not in _HANDLED:
             level = logging.INFO if disposition in USUAL else logging.WARNING
-            self._log_once(name, disposition.value, explain_ignored(disposition, request, contract), level)
+            self._log_once(name, disposition.value, explain_ignored(disposition, request, sessions), level)
 
     def _log_holder_change(self, name: str, before: str, now: str) -> None:
         """Log a change of the holder that only the manager's answer shows."""

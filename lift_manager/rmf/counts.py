@@ -11,6 +11,6 @@ class Counts:
     """Counters since the adapter started. Keys are (RMF's lift name or empty, label value)."""
 
     requests: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Requests by what was done with them, a value of `contract.Disposition`."""
+    """Requests by what was done with them, a value of `lift_sessions.Disposition`."""
     states: Counter[str] = field(default_factory=Counter)
     """Published LiftStates, by lift."""

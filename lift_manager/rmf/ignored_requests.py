@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from lift_manager.rmf.contract import TEXT_LIMIT, Disposition, LiftContract
+from lift_manager.rmf.lift_sessions import TEXT_LIMIT, Disposition, LiftSessions
 from lift_manager.rmf.messages import LiftRequest
 
 SHOWN_LIMIT = 64
@@ -30,12 +30,12 @@ _EXPLANATIONS: Mapping[Disposition, str] = {
 }
 
 
-def explain_ignored(disposition: Disposition, request: LiftRequest, contract: LiftContract | None) -> str:
+def explain_ignored(disposition: Disposition, request: LiftRequest, sessions: LiftSessions | None) -> str:
     """Return the reason as one sentence; received texts are quoted and shortened."""
     holder, floors = "", ""
-    if contract is not None:
-        holder = contract.session or str(contract.holder or "")
-        floors = ", ".join(contract.view.floors.values())
+    if sessions is not None:
+        holder = sessions.session or str(sessions.holder or "")
+        floors = ", ".join(sessions.view.floors.values())
     text = _EXPLANATIONS[disposition].format(
         session=quoted(request.session_id),
         holder=quoted(holder),
@@ -45,7 +45,7 @@ def explain_ignored(disposition: Disposition, request: LiftRequest, contract: Li
         door=request.door_state,
         type=request.request_type,
     )
-    return text if contract is None else f"{contract.view.name}: {text}"
+    return text if sessions is None else f"{sessions.view.name}: {text}"
 
 
 def quoted(text: str) -> str:

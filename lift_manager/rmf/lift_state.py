@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from lift_manager.plain.client_aging import age_s, is_too_old
 from lift_manager.plain.rmf import LiftView
-from lift_manager.rmf.contract import LiftContract
+from lift_manager.rmf.lift_sessions import LiftSessions
 from lift_manager.rmf.messages import (
     DOOR_CLOSED,
     DOOR_MOVING,
@@ -50,27 +50,27 @@ _MODES: Mapping[str, int] = {
 """RMF's only mode for a lift that people have reserved for themselves is HUMAN."""
 
 
-def make_state(contract: LiftContract, sent_at: float, now: float, ros_time: float) -> LiftState:
+def make_state(sessions: LiftSessions, sent_at: float, now: float, ros_time: float) -> LiftState:
     """Return the state of a lift as RMF may see it now.
 
-    `sent_at` is when the request for the contract's view was sent, `ros_time` RMF's clock in seconds. `lift_time` is that clock
+    `sent_at` is when the request for the view was sent, `ros_time` RMF's clock in seconds. `lift_time` is that clock
     minus the age of the data, or 0 before the first reading.
     """
-    view = contract.view
+    view = sessions.view
     age = age_s(view.age_s, sent_at, now)
-    live = not contract.manager_lost and view.live and not is_too_old(age, view.max_age_s)
-    floor = _floor(contract, view) if live else ""
+    live = not sessions.manager_lost and view.live and not is_too_old(age, view.max_age_s)
+    floor = _floor(sessions, view) if live else ""
     return LiftState(
         lift_time=Time() if age is None else Time.of(ros_time - age),
         lift_name=view.name,
         available_floors=tuple(view.floors.values()),
         current_floor=floor,
-        destination_floor=_destination(contract, floor),
-        door_state=_door(contract, view, now) if live else DOOR_MOVING,
+        destination_floor=_destination(sessions, floor),
+        door_state=_door(sessions, view, now) if live else DOOR_MOVING,
         motion_state=_MOTIONS.get(view.motion, MOTION_UNKNOWN) if live else MOTION_UNKNOWN,
         available_modes=AVAILABLE_MODES,
-        current_mode=_mode(contract, view) if live else MODE_OFFLINE,
-        session_id=_session(contract, now),
+        current_mode=_mode(sessions, view) if live else MODE_OFFLINE,
+        session_id=_session(sessions, now),
     )
 
 
@@ -139,49 +139,49 @@ class Cadence:
         return min(self._due_at, self._sent_at + MIN_GAP_S) if changed else self._due_at
 
 
-def _floor(contract: LiftContract, view: LiftView) -> str:
+def _floor(sessions: LiftSessions, view: LiftView) -> str:
     """Return where the car is, but not the demanded floor while the car is still passing it.
 
     Iron takes its destination in `current_floor` for the arrival, whatever the door state is (open-rmf 1.6.3), and the manager hides
     the floor only for demands that it knows already.
     """
     is_passing = (
-        contract.is_granted
-        and contract.demand is not None
-        and contract.demand.floor == view.floor
+        sessions.is_granted
+        and sessions.demand is not None
+        and sessions.demand.floor == view.floor
         and not view.standing
     )
     return "" if is_passing or view.floor is None else view.floors.get(view.floor, "")
 
 
-def _door(contract: LiftContract, view: LiftView, now: float) -> int:
+def _door(sessions: LiftSessions, view: LiftView, now: float) -> int:
     """Return OPEN, on which a robot drives, only if the lift is held for the published session, or if no session is published."""
     if view.door == "closed":
         return DOOR_CLOSED
-    unheld = not contract.is_granted and contract.foreign_holder is None and not contract.undelivered_session(now)
-    return DOOR_OPEN if view.door == "open" and (unheld or contract.is_settled) else DOOR_MOVING
+    unheld = not sessions.is_granted and sessions.foreign_holder is None and not sessions.undelivered_session(now)
+    return DOOR_OPEN if view.door == "open" and (unheld or sessions.is_settled) else DOOR_MOVING
 
 
-def _session(contract: LiftContract, now: float) -> str:
-    if contract.is_granted:
-        return contract.session
-    if session := contract.undelivered_session(now):
+def _session(sessions: LiftSessions, now: float) -> str:
+    if sessions.is_granted:
+        return sessions.session
+    if session := sessions.undelivered_session(now):
         return session
-    return "" if contract.foreign_holder is None else str(contract.foreign_holder)
+    return "" if sessions.foreign_holder is None else str(sessions.foreign_holder)
 
 
-def _destination(contract: LiftContract, floor: str) -> str:
+def _destination(sessions: LiftSessions, floor: str) -> str:
     """Return the demanded floor: a supervisor repeats its request for as long as it reads another one (open-rmf 1.6.4)."""
-    floors = contract.view.floors
-    if contract.is_granted and contract.demand is not None:
-        return floors.get(contract.demand.floor, "")
-    destination = contract.view.destination
-    held = contract.is_granted or contract.foreign_holder is not None
+    floors = sessions.view.floors
+    if sessions.is_granted and sessions.demand is not None:
+        return floors.get(sessions.demand.floor, "")
+    destination = sessions.view.destination
+    held = sessions.is_granted or sessions.foreign_holder is not None
     return floors.get(destination, floor) if held and destination is not None else floor
 
 
-def _mode(contract: LiftContract, view: LiftView) -> int:
+def _mode(sessions: LiftSessions, view: LiftView) -> int:
     """Return the requested mode for a lift in normal mode that RMF holds: in AGV mode its door is open whenever it has stopped."""
-    if view.mode == "normal" and contract.is_settled and view.robot_mode_on is not False:
-        return MODE_HUMAN if contract.human_mode else MODE_AGV
+    if view.mode == "normal" and sessions.is_settled and view.robot_mode_on is not False:
+        return MODE_HUMAN if sessions.human_mode else MODE_AGV
     return _MODES.get(view.mode, MODE_UNKNOWN)

@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from lift_manager.plain.rmf import HeldBy
-from lift_manager.rmf.contract import Disposition
+from lift_manager.rmf.lift_sessions import Disposition
 from lift_manager.rmf.messages import (
     AGV_MODE,
     DOOR_CLOSED,

@@ -8,7 +8,14 @@ from dataclasses import replace
 import pytest
 
 from lift_manager.plain.rmf import HeldBy
-from lift_manager.rmf.contract import DEMAND_MAX_AGE_S, PASS_ON_S, REFUSAL_PAUSE_S, RENEW_S, REPEAT_S, UNDELIVERED_S
+from lift_manager.rmf.lift_sessions import (
+    DEMAND_MAX_AGE_S,
+    PASS_ON_S,
+    REFUSAL_PAUSE_S,
+    RENEW_S,
+    REPEAT_S,
+    UNDELIVERED_S,
+)
 from lift_manager.rmf.lift_state import PERIOD_S
 from lift_manager.rmf.messages import (
     DOOR_MOVING,

@@ -84,7 +84,7 @@ class RmfDemand:
     hold_door: bool
 
 
-class LiftContract:
+class LiftSessions:
     """Grants, updates and ends RMF's sessions on one lift in the order of the requests; the manager gets one request at a time."""
 
     def __init__(self, view: LiftView, grace_s: float, adapter: str = "") -> None:
