@@ -8,8 +8,9 @@ from typing import Any
 from drivers.model import Command, OutputState, PressId
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Alarm, Event
+from lift_manager.lift.freshness import is_fresh
 from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, Cancel, Press
-from lift_manager.lift.observation import Moment, Observation, is_fresh
+from lift_manager.lift.observation import Moment, Observation
 from lift_manager.lift.record import DurableRecord, LiftRecord, PendingPress
 from lift_manager.lift.session import Holder, Session
 

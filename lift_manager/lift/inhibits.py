@@ -12,11 +12,10 @@ from drivers.model import Capabilities, Command, CommandKind, FloorName, LiftVal
 from lift_manager.lift.call import call_command
 from lift_manager.lift.config import ROBOT_IN_PLACE, LiftConfig
 from lift_manager.lift.events import RestrictionKind
+from lift_manager.lift.freshness import age_s, fresh
 from lift_manager.lift.observation import (
     Moment,
-    Observation,
     doubt_at,
-    is_fresh,
     is_on_fire,
     robots_forbidden,
     unreadable_fire_signal,
@@ -45,11 +44,6 @@ _DECIDING_FLAGS = (
     ("watchdog_tripped", False, "its module watchdog has tripped, so its outputs are not ours"),
 )
 """Flags that decide whether robots may command the lift: the value that lets them, and the reason given for the other one."""
-
-
-def fresh(config: LiftConfig, record: LiftRecord, moment: Moment) -> Observation | None:
-    """Return what is known of the lift, unless it is too old to act on."""
-    return record.observation if is_fresh(config.capabilities, moment) else None
 
 
 # -- immediately before the bytes leave
@@ -305,11 +299,6 @@ def blocking_values(config: LiftConfig, record: LiftRecord, refused: Refused, mo
 
 
 # -- in words
-
-
-def age_s(record: LiftRecord, moment: Moment) -> float | None:
-    """Return the age of the newest whole reading; None when there never was one."""
-    return None if record.observation is None else max(0.0, moment.now - moment.read_at)
 
 
 def offline_reason(config: LiftConfig, record: LiftRecord) -> str:

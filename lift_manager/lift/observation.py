@@ -113,16 +113,6 @@ def observe(
     )
 
 
-def is_fresh(capabilities: Capabilities, moment: Moment) -> bool:
-    """Whether the newest reading is young enough to act on and to publish."""
-    return moment.now <= fresh_until(capabilities, moment.read_at)
-
-
-def fresh_until(capabilities: Capabilities, read_at: float) -> float:
-    """Return the time until which a reading is young enough."""
-    return read_at + capabilities.max_age_s
-
-
 # -- what robots may do
 
 

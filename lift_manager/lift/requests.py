@@ -22,6 +22,7 @@ from lift_manager.lift.commands import (
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.endings import contest, end_after_grace, release_session, session_of
 from lift_manager.lift.events import HandedOver, SessionOpened
+from lift_manager.lift.freshness import is_fresh
 from lift_manager.lift.inhibits import (
     command_refusal,
     held_by_another,
@@ -40,7 +41,6 @@ from lift_manager.lift.inputs import (
     OpenSession,
     RenewSession,
 )
-from lift_manager.lift.observation import is_fresh
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.refusals import STOPPING, Accepted, Refusal, Refused
 from lift_manager.lift.session import (

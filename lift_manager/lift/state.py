@@ -12,7 +12,8 @@ from drivers.model import FloorName, SignalValue
 from lift_manager.lift import queue
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import RestrictionKind
-from lift_manager.lift.inhibits import age_s, clock_text, fresh, offline_reason, restriction_text, waits_for
+from lift_manager.lift.freshness import age_s, fresh
+from lift_manager.lift.inhibits import clock_text, offline_reason, restriction_text, waits_for
 from lift_manager.lift.observation import (
     Moment,
     Observation,

@@ -16,6 +16,7 @@ from lift_manager.lift.commands import DOOR_WITHIN_S, CommandStatus, SessionInfo
 from lift_manager.lift.config import ROBOT_MODE, LiftConfig
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.events import Acknowledged, CommandEnded, Event, ForceReleased, Restriction, RestrictionEnded
+from lift_manager.lift.freshness import fresh_until, is_fresh
 from lift_manager.lift.inhibits import blocking_values
 from lift_manager.lift.inputs import (
     Acknowledge,
@@ -46,7 +47,7 @@ from lift_manager.lift.inputs import (
     Tick,
     Unrestrict,
 )
-from lift_manager.lift.observation import Moment, Observation, fresh_until, is_fresh, observe
+from lift_manager.lift.observation import Moment, Observation, observe
 from lift_manager.lift.record import DurableRecord, LiftRecord
 from lift_manager.lift.refusals import Accepted, Refused
 from lift_manager.lift.requests import SessionBegun

@@ -25,6 +25,7 @@ from lift_manager.lift import inputs
 from lift_manager.lift.commands import CommandStatus
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Event as LiftEvent
+from lift_manager.lift.freshness import fresh_until
 from lift_manager.lift.inhibits import blocked_by
 from lift_manager.lift.inputs import (
     CommitFailed,
@@ -38,7 +39,7 @@ from lift_manager.lift.inputs import (
     Request,
     Tick,
 )
-from lift_manager.lift.observation import Moment, fresh_until
+from lift_manager.lift.observation import Moment
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.requests import SessionBegun

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Coroutine, Iterable, Mapping
 
 from lift_manager.lift import doors
-from lift_manager.lift.inhibits import fresh
+from lift_manager.lift.freshness import fresh
 from lift_manager.lift.inputs import AnnounceStop, Stop
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.poll import LiftPoll

@@ -21,7 +21,8 @@ from lift_manager.lift.events import (
     RestrictionEnded,
     RestrictionKind,
 )
-from lift_manager.lift.inhibits import age_s, unknown_floor
+from lift_manager.lift.freshness import age_s
+from lift_manager.lift.inhibits import unknown_floor
 from lift_manager.lift.inputs import (
     Acknowledge,
     CloseSession,

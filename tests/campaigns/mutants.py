@@ -51,7 +51,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "age check",
         (
             Edit(
-                "lift_manager/lift/observation.py",
+                "lift_manager/lift/freshness.py",
                 "return moment.now <= fresh_until(capabilities, moment.read_at)",
                 "return True",
             ),
