@@ -516,20 +516,8 @@ class Oracle:
 
     @staticmethod
     def _stands_unknown_at(watched: _WatchedLift, at: float) -> float:
-        """Return when the manager last could not know that the car stands: it moved, readings failed, or nothing that changes was shown.
-
-        Registers that stand still show a car that moved when they came to a stand as moving.
-        """
-        is_hidden = any(
-            fault.name == "frozen_heartbeat"
-            or (
-                fault.name in FROZEN_FAULTS
-                and not all(truth.standing for truth in watched.history.during(fault.since, fault.since))
-            )
-            for fault in watched.faults
-            if at <= fault.ended_at
-        )
-        return at if is_hidden else max(watched.under_way_at, watched.clean_since)
+        """Return when the manager last could not know that the car stands: it moved, readings failed, or nothing that changes was shown."""
+        return at if _is_car_hidden(watched, at) else max(watched.under_way_at, watched.clean_since)
 
     def _limit_s(self, watched: _WatchedLift, name: str, truth: Truth) -> float:
         """Return how long an output may stay on without a request.
@@ -570,6 +558,9 @@ class Oracle:
         report_due = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(
             state.holder, -math.inf
         )
+        if name.startswith("hold_door") and _is_car_hidden(watched, at):
+            # it is kept for a robot that may be in the door
+            truth = replace(truth, at=None)
         remembered = [requests]
         if state.holder in watched.forgotten:
             last, before = requests
@@ -665,6 +656,22 @@ def _false_claims(
         if all(truth.mode in shows.modes for truth in truths):
             yield "said open in a forbidden mode", f"the mode was {was.mode}", SuspectValues.MODE
     yield from false_claims(state, shows, truths)
+
+
+def _is_car_hidden(watched: _WatchedLift, at: float) -> bool:
+    """Whether nothing that is read shows where the car is, or that it stands.
+
+    Registers that stand still show a car that moved when they came to a stand as moving.
+    """
+    return any(
+        fault.name == "frozen_heartbeat"
+        or (
+            fault.name in FROZEN_FAULTS
+            and not all(truth.standing for truth in watched.history.during(fault.since, fault.since))
+        )
+        for fault in watched.faults
+        if at <= fault.ended_at
+    )
 
 
 def unreported_mode(mode: Mode) -> str:

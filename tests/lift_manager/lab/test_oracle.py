@@ -390,6 +390,17 @@ def test_robot_mode_may_last_while_a_heartbeat_that_stands_still_hides_the_car()
     assert set(rules(oracle)) == {"output on too long"}
 
 
+@pytest.mark.parametrize(("hidden", "found"), [(True, []), (False, ["output on too long"])])
+def test_a_hold_may_last_at_another_floor_only_where_nothing_shows_the_car(hidden: bool, found: list[str]) -> None:
+    oracle = judge(excuses={"frozen_heartbeat": Excuse(frozenset(), None)})
+    oracle.on_request(0.0, FloorRequest("lift", ROBOT, "L1", hold_door=True), None)
+    oracle.on_state(0.0, "lift", state(destination="L1", quality=Quality.OFFLINE))
+    if hidden:
+        oracle.on_fault(0.0, FaultChange("lift", FrozenHeartbeat(), began=True))
+    polled(oracle, 4.0, HELD)
+    assert rules(oracle) == found
+
+
 def test_robot_mode_may_last_while_frozen_registers_show_a_car_that_moves_and_not_one_that_stands() -> None:
     def kept_on(frozen_at: Truth) -> set[str]:
         oracle = judge(excuses={"frozen_registers": Excuse(frozenset({SuspectValues.OUTPUT}), 4.0)})
