@@ -222,6 +222,8 @@ FAULTS: Mapping[str, Callable[[Story], Awaitable[None]]] = {
 }
 
 
+CLEAR_S = 10.0
+"""From the withdrawal of OPEN to the release of the door: what a site has that says nothing else."""
 LASTS_S = 8.0
 """How long a fault of the wire or the registers lasts. Chosen: longer than a robot takes through the door."""
 
@@ -292,5 +294,6 @@ def judge_end(story: Story, over: Ride) -> None:
         assert over.reason, over
     if not over.maybe_aboard:
         assert not story.robot.inside, over
-    # a session that has ended keeps its lift until the open door was withdrawn for long enough
-    assert state.holder is None or state.holder.face != "ride" or state.ending, state
+    # a session that has ended, by a person too, keeps its lift until the open door was withdrawn for long enough
+    is_released_soon = state.releases_in_s is not None and state.releases_in_s <= CLEAR_S
+    assert state.holder is None or state.holder.face != "ride" or state.ending or is_released_soon, state

@@ -7,10 +7,11 @@ from random import Random
 import pytest
 
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lift.events import Restriction, RestrictionBegun, RestrictionKind
+from lift_manager.lift.events import Restriction, RestrictionBegun, RestrictionEnded, RestrictionKind
 from lift_manager.lift.session import Holder
 from lift_manager.rmf.messages import (
     AGV_MODE,
+    DOOR_CLOSED,
     DOOR_OPEN,
     END_SESSION,
     MODE_AGV,
@@ -185,6 +186,21 @@ def test_a_press_in_a_lockout_is_found(pressed_at: float, rules: list[str]) -> N
     )
     one.on_press(pressed_at, "lift", frozenset({"robot_mode"}))
     assert [found.rule for found in one.findings] == rules
+
+
+@pytest.mark.parametrize(("locked_at", "rules"), [(0.8, []), (None, ["stolen"])])
+def test_a_session_may_go_a_while_after_a_lockout_that_is_over_by_then(
+    locked_at: float | None, rules: list[str]
+) -> None:
+    one = judge()
+    one.arrived(0.5, LiftRequest("lift", Time(), A, AGV_MODE, "level 1", DOOR_OPEN))
+    one.state_sent(0.6, replace(said(0.6), door_state=DOOR_CLOSED))
+    restriction = Restriction(RestrictionKind.LOCKOUT, "the guard", "moving", datetime(2026, 11, 22, tzinfo=UTC))
+    if locked_at is not None:
+        one.on_event(locked_at, RestrictionBegun("lift", restriction))
+        one.on_event(locked_at + 1.0, RestrictionEnded("lift", "the guard", restriction.since, restriction))
+    one.state_sent(30.0, replace(said(30.0), door_state=DOOR_CLOSED, session_id=""))
+    assert [found.rule for found in one.findings if found.rule == "stolen"] == rules
 
 
 def test_a_robot_that_is_left_behind_and_a_lift_that_is_not_free_are_found() -> None:

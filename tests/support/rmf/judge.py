@@ -154,6 +154,8 @@ class Judge:
         self._adapter_since = -math.inf
         self._fire = False
         self._locked_since = math.inf
+        self._locked_out_at = -math.inf
+        """When the newest lockout began, whether or not it has ended since."""
         self._opened: tuple[float, LiftState] | None = None
         """When OPEN was last said for a session, until the door falls or the session wants something else."""
 
@@ -197,7 +199,7 @@ class Judge:
         """Know of lockouts; states are told by `on_state`."""
         match event:
             case RestrictionBegun(lift=self.lift):
-                self._locked_since = at
+                self._locked_since = self._locked_out_at = at
             case RestrictionEnded(lift=self.lift):
                 self._locked_since = math.inf
             case _:
@@ -391,7 +393,9 @@ class Judge:
         taken = self._is_excused("down", "fire", "kept off", "adapter", "taken", at=at, lately_s=2.0)
         # the manager does not take an offline lift for anybody: who was only promised it has to ask again
         promised = self._is_excused("offline", at=at, lately_s=2.0) and self.holder.last != Holder("rmf", before)
-        if not (was_ended or ended_since or taken or promised):
+        # it goes once a robot in the door was given its time, although the lockout may be over by then
+        locked_out = at - self._locked_out_at <= CLEAR_S + READ_S
+        if not (was_ended or ended_since or taken or promised or locked_out):
             self._find(at, "stolen", f"{before!r} becomes {session!r}, and nobody had ended it")
 
     def _judge_ended(self, at: float, name: str, *, is_offline: bool) -> None:
