@@ -97,9 +97,11 @@ def _plain(text: str, base: int) -> tuple[Table, int, int | None]:
     if match is None:
         raise ValueError(
             f"{text!r} is not an address: write table:number or table:number.bit, such as holding:12 or holding:12.4"
+            + ("; a table that prints its numbers like this has `notation: modicon`" if _DIGITS.fullmatch(text) else "")
         )
     bit = None if match["bit"] is None else int(match["bit"])
-    return Table(match["table"]), int(match["number"], 0) - base, bit
+    number = match["number"]  # 05 is 5: tables are printed with leading zeros
+    return Table(match["table"]), int(number, 16 if number[:2] in ("0x", "0X") else 10) - base, bit
 
 
 def _modicon(text: str) -> tuple[Table, int, int | None]:

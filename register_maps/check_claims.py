@@ -71,6 +71,8 @@ def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, K
     if one[0] == other[0]:
         return f"{text} is twice in this one; give each signal a place of its own"
     by_name = dict((one, other))
+    if by_name.keys() == {"mode", "robot_mode_on"} and source.signals["mode"].names_robot_mode:
+        return f"{text} is in mode already, whose word `robot` shows it; remove robot_mode_on"
     doors = [name for name, key in by_name.items() if key[0] == "open_limits"]
     if by_name.get("car_floor", ("",))[0] != "one_of" or len(doors) != 1:
         return f"{text} is in {other[0]} already; give each signal a place of its own"

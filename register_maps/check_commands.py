@@ -161,7 +161,12 @@ def _taken(_: RegisterMap, name: str, command: Command) -> Messages:
     fits = command.action == "hold" and command.repeat_pulse_s is None and name not in CALLS
     for key in given:
         if not fits:
-            yield (key,), "belongs to a hold that is one level and no call; remove it"
+            cure = (
+                "a call that the controller takes over and clears has `timed_by: device`"
+                if name in CALLS
+                else "remove it"
+            )
+            yield (key,), f"belongs to a hold that is one level and no call; {cure}"
         elif command.refresh_s is None:
             yield (key,), "a hold that the controller clears has to be written again: use `refresh_s`"
     if fits and command.self_clearing:

@@ -109,7 +109,7 @@ def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Me
     if name != "car_position":
         yield ("positions",), "belongs to car_position; remove it"
         return
-    if not source.derived:
+    if "car_floor" not in source.derived:
         yield ("positions",), "the map has a car_floor of its own, and nothing would read this; remove one of the two"
     if len(positions) < 2:
         yield ("positions",), "a lift has at least two floors; give the position of each"

@@ -193,8 +193,7 @@ def _misfits(model: RegisterMap, given: Mapping[str, ParameterValue]) -> Iterabl
 def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
     """Return the map without the parts whose address cannot be parsed, so that the rest can be checked."""
     gone: set[KeyPath] = {problem.path[:2] for problem in hidden}
-    if ("signals", "car_position") in gone:
-        gone |= {("signals", name) for name in model.derived}
+    gone |= {("signals", name) for name, basis in model.derived.items() if ("signals", basis) in gone}
     return model.model_copy(
         update={
             "signals": {name: part for name, part in model.signals.items() if ("signals", name) not in gone},

@@ -7,9 +7,10 @@ interface features it was designed against, in GRAMMAR.md and INTERFACES.md of t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from register_maps import address
 from register_maps.command_schema import Command, Confirm, Payload
@@ -179,8 +180,8 @@ class RegisterMap(Part):
     """First and last printed address the device answers for, per table; a read never crosses an edge."""
     endpoints: dict[Name, Endpoint] = Field(default_factory=dict)
     """Further devices; their addresses are written `name/table:number`."""
-    signals: dict[str, Signal] = Field(default_factory=dict)
     commands: dict[str, Command] = Field(default_factory=dict)
+    signals: dict[str, Signal] = Field(default_factory=dict)
     write_blocks: tuple[WriteBlock, ...] = ()
     needs: dict[str, str] = Field(default_factory=dict)
     """Signals that a site must add because this interface does not have them, each with the reason."""
@@ -205,12 +206,26 @@ class RegisterMap(Part):
             return signals
         return {**signals, "car_floor": position.as_floor}
 
+    @field_validator("signals")
+    @classmethod
+    def _robot_mode_by_mode(cls, signals: dict[str, Signal], info: ValidationInfo) -> dict[str, Signal]:
+        """Derive robot mode from the mode word if the lift is told to enter it, and no other signal shows it."""
+        mode, is_told = signals.get("mode"), "robot_mode" in info.data.get("commands", ())
+        if not is_told or mode is None or not mode.names_robot_mode or "robot_mode_on" in signals:
+            return signals
+        return {**signals, "robot_mode_on": mode}
+
     @property
-    def derived(self) -> frozenset[str]:
-        """Signals that are derived from others: `car_floor` from `car_position`."""
+    def derived(self) -> Mapping[str, str]:
+        """Signals that are derived from others: `car_floor` from `car_position`, `robot_mode_on` from `mode`; by what they come from."""
+        found = {}
         position, floor = self.signals.get("car_position"), self.signals.get("car_floor")
-        is_derived = position is not None and position.positions is not None and floor == position.as_floor
-        return frozenset({"car_floor"} if is_derived else ())
+        if position is not None and position.positions is not None and floor == position.as_floor:
+            found["car_floor"] = "car_position"
+        mode = self.signals.get("mode")
+        if mode is not None and self.signals.get("robot_mode_on") == mode:
+            found["robot_mode_on"] = "mode"
+        return found
 
     def place(self, text: str) -> address.Place:
         """Return the place of an address of this map. Raises ValueError for text that its notation cannot parse."""

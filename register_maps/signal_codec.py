@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from register_maps.points import UNLISTED, Image, Point, Unlisted, Value
 from register_maps.schema import SIGNALS, WORDS, Kind, Signal
-from register_maps.words import Door, Motion
+from register_maps.words import Door, Mode, Motion
 
 Coding = tuple[Callable[[int], Value | Unlisted], Callable[[Value], int]]
 Locate = Callable[..., Point]
@@ -222,7 +222,7 @@ def _by_position(name: str, spec: Signal, width: int) -> Coding:
 def _coding(name: str, kind: Kind, spec: Signal, width: int) -> Coding:
     match kind:
         case Kind.FLAG:
-            return _flag(spec, width)
+            return _in_robot_mode(spec, width) if spec.names_robot_mode else _flag(spec, width)
         case Kind.DOOR | Kind.MOTION | Kind.MODE:
             return _words(name, kind, spec, width)
         case Kind.FLOOR:
@@ -257,6 +257,17 @@ def _flag(spec: Signal, width: int) -> Coding:
         no, yes = yes, no
     table: dict[int, Value] = {no: False, yes: True}
     return (lambda raw: table.get(raw, UNLISTED)), (lambda value: yes if value else no)
+
+
+def _in_robot_mode(spec: Signal, width: int) -> Coding:
+    """A flag that is derived from a mode word: yes where the word is `robot`. It is only ever read."""
+    read, write = _words("robot_mode_on", Kind.MODE, spec, width)
+
+    def decode(raw: int) -> Value | Unlisted:
+        mode = read(raw)  # a code that is not listed is reported of the mode
+        return mode is Mode.ROBOT if isinstance(mode, Mode) else None
+
+    return decode, write
 
 
 def _words(name: str, kind: Kind, spec: Signal, width: int) -> Coding:

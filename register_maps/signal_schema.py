@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from register_maps.fields import Address, Codes, Part, Position, Seconds, Word
+from register_maps.words import Mode
 
 PLACE_KEYS: tuple[tuple[str, ...], ...] = (
     ("at",),
@@ -88,6 +89,11 @@ class Signal(Part):
         if (self.positions is None) != (self.tolerance is None):
             raise ValueError("`positions` and `tolerance` belong together; give both, or neither")
         return self
+
+    @property
+    def names_robot_mode(self) -> bool:
+        """Whether one of the words of a mode is `robot`."""
+        return Mode.ROBOT in (self.values or {}).values()
 
     @property
     def floor_codes(self) -> tuple[int, ...]:

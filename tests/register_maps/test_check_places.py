@@ -17,6 +17,7 @@ READ_AT = 'read_at: "input:10.0"'
 
 PLACES: list[Mistake] = [
     ("text that is no address", ENTER, "may_enter: {at: discrete}", "signals.may_enter.at", "'discrete' is not an address: write table:number"),
+    ("a number of another notation", ENTER, 'may_enter: {at: "10010"}', "signals.may_enter.at", "a table that prints its numbers like this has `notation: modicon`"),
     ("a bit of a discrete", ENTER, 'may_enter: {at: "discrete:10.1"}', "signals.may_enter.at", "a bit number (0 to 15) belongs to a holding or input register"),
     ("a device nobody declares", ENTER, 'may_enter: {at: "roof/discrete:1"}', "signals.may_enter.at", "the map has no endpoint roof; declare it: `endpoints: {roof: {served: ...}}`"),
     ("a device with a typo", ENTER, 'may_enter: {at: "senser/discrete:1"}', "signals.may_enter.at", "did you mean `sensor`?"),
@@ -41,6 +42,11 @@ def test_an_address_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str
     own = [finding for finding in found if not finding.key.startswith("commands.hold_door.rear")]
     assert [finding.key for finding in own] == [key], "\n".join(map(str, found))
     assert words in own[0].message
+
+
+def test_leading_zeros_of_a_printed_number_mean_nothing(tmp_path: Path) -> None:
+    text, _ = changed(HANDSHAKE, ENTER, 'may_enter: {at: "discrete:010"}')
+    assert loaded(tmp_path, text).map.place("discrete:010").number == 10
 
 
 MODICON = """\

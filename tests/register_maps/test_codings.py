@@ -4,6 +4,7 @@ import pytest
 
 from drivers.modbus.plan import plan_reads
 from register_maps.codec import UNLISTED, Codec, Value
+from register_maps.errors import MapFileError
 from register_maps.points import Block
 from tests.support.rows import each_row
 from tests.support.written_maps import written_map
@@ -202,6 +203,47 @@ def test_between_two_positions_there_is_no_floor_to_say() -> None:
     codec = written_map(POSITION.replace(", unknown: [-30000]", ""))
     floor = codec.signals["car_floor"]
     assert floor.decode(floor.encode(None)) is None
+
+
+def test_a_call_that_the_controller_takes_over_is_timed_by_it() -> None:
+    taken = GO_TO.format(place='at: "holding:1", as: floor, self_clearing: true')
+    with pytest.raises(MapFileError, match="takes over and clears has `timed_by: device`"):
+        written_map(FLOOR + taken)
+
+
+BY_MODE = """\
+signals:
+  mode: {at: "input:0", values: {1: normal, 2: robot, 5: inspection}, unknown: [0]}
+commands:
+  robot_mode: {at: "coil:0", action: hold, max_hold_s: 60, refresh_s: 2, on_link_loss: device_watchdog, bounded_by: session, granted_by: robot_mode_on, granted_within_s: 300, confirm: {any_of: [effect], within_s: 300}}
+"""
+
+
+@each_row(
+    ("data", "is_on", "unlisted"),
+    [
+        ("00 01", False, {}),
+        ("00 02", True, {}),
+        ("00 05", False, {}),
+        ("00 00", None, {}),
+        ("00 09", None, {"mode": 9}),
+    ],
+)
+def test_a_mode_word_with_robot_shows_whether_robot_mode_is_granted(
+    data: str, is_on: bool | None, unlisted: dict[str, int]
+) -> None:
+    values, found = read(written_map(BY_MODE), data)
+    assert (values["robot_mode_on"], found) == (is_on, unlisted)
+
+
+def test_robot_mode_at_the_mode_word_need_not_be_declared() -> None:
+    declared = BY_MODE.replace("commands:", '  robot_mode_on: {at: "input:0", means_yes: 2}\ncommands:')
+    with pytest.raises(MapFileError, match="is in mode already, whose word `robot` shows it; remove robot_mode_on"):
+        written_map(declared)
+
+
+def test_a_mode_word_shows_no_robot_mode_where_the_lift_is_not_told_to_enter_it() -> None:
+    assert "robot_mode_on" not in written_map(BY_MODE.partition("commands:")[0]).signals
 
 
 def test_digits_that_are_none_are_never_guessed() -> None:
