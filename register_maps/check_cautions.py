@@ -25,9 +25,19 @@ def check_cautions(source: RegisterMap, wrong: Collection[str] = ()) -> Iterator
     if is_known(source, "may_leave") and not is_known(source, "may_enter"):
         cure = "declare `may_enter` too, if the controller has it; without it an open door alone invites a robot in"
         yield _warning(f"may_leave without may_enter: entering needs no permission, and leaving does; {cure}")
+    if "robot_mode" in source.commands and is_known(source, "robot_mode_on") and not _waits_for_robot_mode(source):
+        cure = "give robot_mode `granted_by: robot_mode_on`, and `requires: [robot_mode_on]` to calls that the lift takes in that mode only"
+        yield _warning(f"no command waits until robot mode is granted, which robot_mode_on shows; {cure}")
     if not source.needs and not any(_safe_at_zero(source, name) for name in source.signals if name not in wrong):
         cure = "let a code of 0 be `unknown`, or fire `active: low`, where the controller can do that"
         yield _warning(f"a controller that serves only zeros would pass for a healthy lift; {cure}")
+
+
+def _waits_for_robot_mode(source: RegisterMap) -> bool:
+    return any(
+        command.granted_by == "robot_mode_on" or "robot_mode_on" in command.requires
+        for command in source.commands.values()
+    )
 
 
 def _warning(message: str) -> Problem:

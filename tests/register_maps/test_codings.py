@@ -1,13 +1,16 @@
 """Codings that no shipped map has, against bytes typed by hand: what is read, and what is written."""
 
+from pathlib import Path
+
 import pytest
 
 from drivers.modbus.plan import plan_reads
 from register_maps.codec import UNLISTED, Codec, Value
 from register_maps.errors import MapFileError
 from register_maps.points import Block
+from tests.support.good_map import loaded
 from tests.support.rows import each_row
-from tests.support.written_maps import written_map
+from tests.support.written_maps import HEAD, written_map
 
 GO_TO = "commands:\n  go_to: {{{place}, action: pulse, width_s: 0.5, confirm: {{any_of: [effect], within_s: 30}}}}\n"
 FLOOR = 'signals:\n  car_floor: {at: "input:0", as: floor, unknown: [0]}\n'
@@ -240,6 +243,16 @@ def test_robot_mode_at_the_mode_word_need_not_be_declared() -> None:
     declared = BY_MODE.replace("commands:", '  robot_mode_on: {at: "input:0", means_yes: 2}\ncommands:')
     with pytest.raises(MapFileError, match="is in mode already, whose word `robot` shows it; remove robot_mode_on"):
         written_map(declared)
+
+
+def test_a_map_in_which_nothing_waits_for_robot_mode_is_warned_about(tmp_path: Path) -> None:
+    def warned(text: str) -> bool:
+        return any(
+            "no command waits until robot mode is granted" in one.message for one in loaded(tmp_path, text).warnings
+        )
+
+    assert not warned(HEAD + BY_MODE)
+    assert warned(HEAD + BY_MODE.replace("granted_by: robot_mode_on, granted_within_s: 300, ", ""))
 
 
 def test_a_mode_word_shows_no_robot_mode_where_the_lift_is_not_told_to_enter_it() -> None:
