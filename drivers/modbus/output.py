@@ -333,7 +333,8 @@ class Output:
         if self.spec.self_clearing:
             self.refresh_at = min(now, self.refresh_at)
             return True
-        self.verified = matches(self.codec, cells, self.code)
+        # what the controller has cleared to see it written again is obeyed still
+        self.verified = matches(self.codec, cells, self.code) or self.was_cleared_by_device(now)
         if not self.is_found_off:
             self.used_begin = self.begin
         self.is_found_off = not self.verified

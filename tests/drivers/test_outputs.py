@@ -164,6 +164,20 @@ def test_after_a_reconnect_a_wanted_hold_is_adopted_or_written_again_and_a_call_
         assert made.phase("go_to") is Phase.REST
 
 
+@pytest.mark.parametrize(("found_off_at", "then"), [(27.5, StepKind.REFRESH), (12.0, StepKind.RELEASE)])
+def test_a_kept_hold_that_the_controller_cleared_to_see_it_written_goes_on_over_a_reconnect(
+    found_off_at: float, then: StepKind
+) -> None:
+    made = outputs()
+    made.hold("hold_door.front", 0.0)
+    carry_out(made, 0.0)
+    made.output("hold_door.front").keep()
+    made.record_reconnect({("", Table.HOLDING, address): 0 for address in range(16, 20)}, found_off_at)
+    step = made.next_step(found_off_at)
+    assert step is not None
+    assert step.kind is then
+
+
 def test_after_a_reconnect_what_nobody_wants_is_let_go() -> None:
     made = outputs()
     made.record_reconnect(
