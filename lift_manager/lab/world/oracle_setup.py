@@ -48,7 +48,18 @@ def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
         handshake=not commands.keys().isdisjoint(HANDSHAKE),
         repeated=frozenset(n for n, one in commands.items() if one.repeat_pulse_s is not None),
         fleeting=frozenset(n for n, one in commands.items() if one.ends_itself),
+        heartbeats=_heartbeats(loaded, name, codec),
         clear_s=spec.clear_s,
+    )
+
+
+def _heartbeats(loaded: LoadedSite, name: str, codec: Codec) -> frozenset[PolledBlock]:
+    placed = devices(loaded.site, loaded.site.lifts[name], codec.map)
+    return frozenset(
+        (placed[point.endpoint].controller, placed[point.endpoint].unit_id, point.table, point.address, 1)
+        for command in codec.commands.values()
+        if command.spec.is_heartbeat
+        for point in command.points
     )
 
 

@@ -220,8 +220,14 @@ class Rules:
             if notes.fell_at == at and controller in notes.about.controllers
             if not any(self._oracle.is_foreign_write(lift, hold, at) for hold in notes.about.holds)
         ]
-        if fallen and exchange.executed and parse_request(exchange.request, timed_coils=True).is_write:
-            for lift in fallen:
+        if not fallen or not exchange.executed:
+            return
+        request = parse_request(exchange.request, timed_coils=True)
+        written = (controller, request.unit, request.table, request.address, request.count)
+        for lift in fallen if request.is_write else ():
+            if (
+                written not in self._notes[lift].about.heartbeats
+            ):  # else it fell by itself, and was seen to at this write
                 self._notes[lift].fell_by_us = True
                 self._check_release(at, lift, self._notes[lift])
 

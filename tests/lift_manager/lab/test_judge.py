@@ -20,6 +20,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
 from register_maps import frames
+from register_maps.frames import parse_request
 from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator import faults as device
 from simulator import wire_faults as wire
@@ -449,6 +450,21 @@ def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
     rules.on_truth(5.0, "lift", truth)  # type: ignore[arg-type]  # a Truth
     rules.on_exchange(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
     assert found(oracle) == rules_broken
+
+
+@pytest.mark.parametrize("is_heartbeat", [True, False])
+def test_a_hold_that_is_seen_to_have_fallen_when_our_heartbeat_is_written_fell_by_itself(*, is_heartbeat: bool) -> None:
+    write = replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),))
+    request = parse_request(write.request)
+    cell = ("plc", request.unit, request.table, request.address, request.count)
+    oracle = judge(holds=FRONT, clear_s=10.0, heartbeats=frozenset({cell} if is_heartbeat else ()))
+    rules = Rules(oracle)
+    oracle.on_request(0.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
+    rules.on_truth(1.0, "lift", HELD)
+    rules.on_state(4.0, "lift", state(age_s=0.0))
+    rules.on_truth(5.0, "lift", STANDS_OPEN)
+    rules.on_exchange(5.0, "plc", write)
+    assert found(oracle) == ([] if is_heartbeat else ["the door fell while a robot was invited"])
 
 
 def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -> None:
