@@ -11,7 +11,8 @@ from typing import Protocol, runtime_checkable
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusIOException, NoSuchIdException
-from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu.mei_message import ReadDeviceInformationRequest, ReadDeviceInformationResponse
 from pymodbus.server import ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -37,6 +38,9 @@ _TABLES = {1: Table.COIL, 5: Table.COIL, 15: Table.COIL, 2: Table.DISCRETE, 4: T
 _SINGLE_WRITES = (frames.WRITE_COIL, frames.WRITE_REGISTER, frames.MASK_WRITE)
 """Writes for which pymodbus reads the cell again: to answer, or to mask it."""
 
+
+_LAST_OBJECT = {1: 2, 2: 6}
+"""Of the basic and of the regular device identification (V1.1b3, 6.21)."""
 
 _NO_LINGER = struct.pack("ii", 1, 0)
 
@@ -140,9 +144,10 @@ class _Context:
 
     simdevices: tuple[SimDevice, ...] = ()
 
-    def __init__(self, devices: Mapping[int, Device], clock: Callable[[], float]) -> None:
+    def __init__(self, devices: Mapping[int, Device], clock: Callable[[], float], identity: Mapping[int, str]) -> None:
         self._devices = devices
         self._clock = clock
+        self._identity = identity
 
     def device_ids(self) -> list[int]:
         return list(self._devices)
@@ -180,6 +185,22 @@ class _Context:
         except (NoSuchIdException, NoReply):
             return frames.exception_answer(frame, ExcCodes.GATEWAY_NO_RESPONSE)
         return frames.answer(request, frames.tid_of(frame))
+
+    def identify(self, request: ReadDeviceInformationRequest) -> ModbusPDU:
+        """Return what the device says that it is; pymodbus would answer with what the whole process shares."""
+        unit, function, code = request.dev_id, request.function_code, request.read_code or 0
+        device = self._devices.get(unit)
+        if device is None or (isinstance(device, Networked) and not device.on_network):
+            return ExceptionResponse(function, ExcCodes.GATEWAY_NO_RESPONSE)
+        if not self._identity:
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_FUNCTION)
+        if code not in _LAST_OBJECT:
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_VALUE)
+        first = request.object_id if request.object_id in self._identity else 0
+        asked = {number: text for number, text in self._identity.items() if first <= number <= _LAST_OBJECT[code]}
+        response = ReadDeviceInformationResponse(code, asked)
+        response.conformity = 2 if max(self._identity) > _LAST_OBJECT[1] else 1
+        return response
 
     def _device(self, unit: int) -> Device:
         if unit not in self._devices:
@@ -250,7 +271,11 @@ class _Connection(ServerRequestHandler):
         try:
             while self._waiting:
                 frame, request = self._waiting.popleft()
-                if request is not None:
+                if isinstance(request, ReadDeviceInformationRequest):
+                    response = self._context.identify(request)
+                    response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
+                    self.server_send(response, None)  # type: ignore[no-untyped-call]
+                elif request is not None:
                     self.last_pdu = request
                     await self.handle_request()  # type: ignore[no-untyped-call]
                 elif _has_duration(frame):
@@ -285,7 +310,8 @@ class SimulatedController:
     """A Modbus/TCP server for one or more units.
 
     A unit nobody plays is answered with exception 0B, as a gateway does, and so is one that is off the network while
-    others are on. `max_clients` is how many connections the device has slots for; None: as many as come.
+    others are on. `max_clients` is how many connections the device has slots for; None: as many as come. `identity` is what every
+    unit says that it is, by the number of the object (0 vendor, 1 product code, 2 revision); without it function 43 is refused.
 
     While no device is on the network every connection is reset, and so is one that finds no slot. A real device leaves its
     SYN unanswered in both cases; here the system accepts it before we are asked.
@@ -299,8 +325,10 @@ class SimulatedController:
         port: int = 0,
         clock: Callable[[], float] | None = None,
         max_clients: int | None = None,
+        identity: Mapping[int, str] | None = None,
     ) -> None:
         self._devices = devices
+        self._identity = identity or {}
         self._slots = _Slots(devices, max_clients)
         self._host = host
         self._port = port
@@ -317,7 +345,8 @@ class SimulatedController:
         loop = asyncio.get_running_loop()
         _check_free(self._host, self._port)
         self._slots.clear()
-        server = _Server(_Context(self._devices, self._clock or loop.time), self._slots, (self._host, self._port))
+        context = _Context(self._devices, self._clock or loop.time, self._identity)
+        server = _Server(context, self._slots, (self._host, self._port))
         await server.serve_forever(background=True)
         # asyncio's and uvloop's servers share no class that has sockets
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]

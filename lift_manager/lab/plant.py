@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
+from lift_manager.plain.version import running_version
 from register_maps.codec import Codec, SignalCodec, compile_map
 from register_maps.schema import Kind, RegisterMap
 from register_maps.words import Side
@@ -63,10 +64,16 @@ def default_floors(source: RegisterMap) -> dict[str, int]:
 def controllers(
     source: RegisterMap, lift: RegisterFace, *, host: str = "127.0.0.1", port: int = 0
 ) -> dict[str, SimulatedController]:
-    """Return a server for the controller, under an empty name, and one for each endpoint of the map, on the following ports."""
+    """Return a server for the controller, under an empty name, and one for each endpoint of the map, on the following ports.
+
+    Each says that it is simulated, so that nobody takes a test against it for one of a lift.
+    """
+    identity = {0: "lift-manager", 1: f"simulated {source.name}", 2: running_version()}
     devices = {"": lift} | {name: lift.endpoint(name) for name in source.endpoints}
     return {
-        name: SimulatedController({source.unit_of(name): device}, host=host, port=port + number if port else 0)
+        name: SimulatedController(
+            {source.unit_of(name): device}, host=host, port=port + number if port else 0, identity=identity
+        )
         for number, (name, device) in enumerate(devices.items())
     }
 

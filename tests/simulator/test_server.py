@@ -279,7 +279,11 @@ def test_what_a_device_objects_is_answered_for_reads_and_for_writes(code: int) -
         ("00 0F 00 00 00 06 01 05 00 00 FF 01", "00 0F 00 00 00 03 01 85 03"),
         ("00 10 00 00 00 04 01 05 00 00", "00 10 00 00 00 03 01 85 03"),
         ("00 11 00 00 00 08 01 16 FF FF 00 00 00 00", "00 11 00 00 00 03 01 96 02"),
+        # what it is, of a device without an identity, and a request for it that is cut short
+        ("00 14 00 00 00 05 01 2B 0E 01 00", "00 14 00 00 00 03 01 AB 01"),
+        ("00 15 00 00 00 03 01 2B 0E", "00 15 00 00 00 03 01 AB 01"),
         # units that nobody plays
+        ("00 16 00 00 00 05 07 2B 0E 01 00", "00 16 00 00 00 03 07 AB 0B"),
         ("00 09 00 00 00 06 02 03 00 00 00 01", "00 09 00 00 00 03 02 83 0B"),
         ("00 0A 00 00 00 06 00 06 00 10 00 01", "00 0A 00 00 00 03 00 86 0B"),
         ("00 0B 00 00 00 08 FF 0F 00 00 00 01 01 01", "00 0B 00 00 00 03 FF 8F 0B"),
@@ -316,6 +320,48 @@ def test_each_unit_has_registers_of_its_own() -> None:
         assert second.writes == [(Table.HOLDING, 5, [22])]
 
     asyncio.run(main())
+
+
+def identified(identity: dict[int, str], asked: str) -> str:
+    """Return the answer of a controller with this identity to one request."""
+
+    async def main() -> str:
+        server = SimulatedController({1: Notebook()}, identity=identity)
+        await server.start()
+        try:
+            async with line(server.port) as raw:
+                raw.send(asked)
+                return await raw.answer()
+        finally:
+            await server.stop()
+
+    return asyncio.run(main())
+
+
+@each_row(
+    ("asked", "answer"),
+    [
+        # "AB", "C" and "1" from the first object on, from the last one on, and from one that is not there
+        ("01 00", "01 02 00 00 03 00 02 41 42 01 01 43 02 01 31"),
+        ("01 02", "01 02 00 00 01 02 01 31"),
+        ("01 09", "01 02 00 00 03 00 02 41 42 01 01 43 02 01 31"),
+        # with "M" as its model
+        ("02 00", "02 02 00 00 04 00 02 41 42 01 01 43 02 01 31 05 01 4D"),
+    ],
+)
+def test_a_controller_with_an_identity_says_what_it_is(asked: str, answer: str) -> None:
+    identity = {0: "AB", 1: "C", 2: "1", 5: "M"}
+    length = 3 + len(bytes.fromhex(answer))
+    assert (
+        identified(identity, f"00 01 00 00 00 05 01 2B 0E {asked}") == f"00 01 00 00 00 {length:02X} 01 2B 0E {answer}"
+    )
+
+
+def test_a_controller_with_basic_objects_alone_has_no_other_category() -> None:
+    identity = {0: "AB", 1: "C", 2: "1"}
+    answer = identified(identity, "00 01 00 00 00 05 01 2B 0E 02 00")
+    assert answer == "00 01 00 00 00 12 01 2B 0E 02 01 00 00 03 00 02 41 42 01 01 43 02 01 31"
+    assert identified(identity, "00 01 00 00 00 05 01 2B 0E 07 00") == "00 01 00 00 00 03 01 AB 03"
 
 
 # -- order
