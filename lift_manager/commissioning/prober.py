@@ -7,15 +7,15 @@ tool wants to know.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.wire import OnBytes, PymodbusWire, Wire
 from lift_manager.config.check import canonical_host
-from register_maps import frames
+from register_maps import frames, identification
 from register_maps.errors import ExceptionAnswer, Mismatch
 from register_maps.frames import Request
 from register_maps.words import Table
@@ -45,6 +45,29 @@ class ProbeAnswer:
     """Why there is neither: silence, a lost connection, or an answer to something else."""
     echoes_tid: bool = True
     """Whether the answer had the transaction id of the request."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a controller says that it is."""
+
+    texts: Mapping[str, str] = field(default_factory=dict)
+    """By name, such as `vendor` and `revision`; empty if it says nothing."""
+    exception: int | None = None
+    """The exception code instead; most controllers that have no identity answer 01."""
+    trouble: str = ""
+    """Why there is neither: as of a read."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Exchange:
+    """One request and what arrived after it."""
+
+    frame: bytes
+    """Empty if nothing arrived."""
+    took_s: float
+    trouble: str = ""
+    echoes_tid: bool = True
 
 
 class Prober:
@@ -85,9 +108,56 @@ class Prober:
         """
         request = frames.read(table, address, count, self.unit if unit is None else unit)
         async with self._turn:
-            return await self._exchange(request)
+            return await self._read(request)
 
-    async def _exchange(self, request: Request) -> ProbeAnswer:
+    async def identify(self, *, unit: int | None = None) -> Identity:
+        """Read what a controller says that it is (function 43), with the regular objects where it has them. Raises ConnectFailed."""
+        unit = self.unit if unit is None else unit
+        async with self._turn:
+            objects: dict[int, bytes] = {}
+            try:
+                for category in (identification.BASIC, identification.REGULAR):
+                    if not await self._read_objects(unit, category, objects):
+                        break
+            except ExceptionAnswer as error:
+                return Identity(identification.texts(objects), exception=error.code)
+            except _Trouble as error:
+                return Identity(identification.texts(objects), trouble=str(error))
+            return Identity(identification.texts(objects))
+
+    async def _read_objects(self, unit: int, category: int, objects: dict[int, bytes]) -> bool:
+        """Add the objects of one category; return whether the controller has a higher one. Raises ExceptionAnswer, _Trouble."""
+        first = 0
+        while True:
+            arrived = await self._exchange(identification.request_body(unit, category, first))
+            if not arrived.frame:
+                raise _Trouble(arrived.trouble)
+            try:
+                page = identification.parse_answer(unit, category, arrived.frame)
+            except Mismatch as error:
+                self.close()
+                raise _Trouble(str(error)) from error
+            objects.update(page.objects)
+            if page.next_object is None or page.next_object <= first:  # backwards it would never end
+                return page.has_regular
+            first = page.next_object
+
+    async def _read(self, request: Request) -> ProbeAnswer:
+        arrived = await self._exchange(request.body)
+        if not arrived.frame:
+            return ProbeAnswer(request, arrived.took_s, trouble=arrived.trouble)
+        try:
+            payload = frames.check(request, arrived.frame)
+        except ExceptionAnswer as error:
+            return ProbeAnswer(request, arrived.took_s, exception=error.code, echoes_tid=arrived.echoes_tid)
+        except Mismatch as error:
+            self.close()
+            return ProbeAnswer(request, arrived.took_s, trouble=str(error), echoes_tid=arrived.echoes_tid)
+        values = frames.values_of(request, payload)
+        return ProbeAnswer(request, arrived.took_s, values, echoes_tid=arrived.echoes_tid)
+
+    async def _exchange(self, body: bytes) -> _Exchange:
+        """Send a frame without its transaction id, and wait for what comes."""
         loop = asyncio.get_running_loop()
         await asyncio.sleep(max(0.0, self._may_send_at - loop.time()))
         sent_at = loop.time()
@@ -97,12 +167,12 @@ class Prober:
             self._frame = loop.create_future()
             sent_at = loop.time()
             self.requests += 1
-            self._wire.send(frames.frame(request, self._tid))
+            self._wire.send(self._tid.to_bytes(2, "big") + body)
             async with asyncio.timeout(self._timeout_s):
                 frame = await self._frame
         except TimeoutError:
             self.close()  # what comes late must not pass for the answer to the next request
-            return ProbeAnswer(request, loop.time() - sent_at, trouble=f"{NO_ANSWER} within {self._timeout_s:g} s")
+            return _Exchange(b"", loop.time() - sent_at, f"{NO_ANSWER} within {self._timeout_s:g} s")
         except asyncio.CancelledError:
             self.close()
             raise
@@ -111,16 +181,8 @@ class Prober:
             self._may_send_at = loop.time() + self._gap_s
         took_s = loop.time() - sent_at
         if not frame:
-            return ProbeAnswer(request, took_s, trouble=self._lost)
-        echoes_tid = frames.tid_of(frame) == self._tid
-        try:
-            payload = frames.check(request, frame)
-        except ExceptionAnswer as error:
-            return ProbeAnswer(request, took_s, exception=error.code, echoes_tid=echoes_tid)
-        except Mismatch as error:
-            self.close()
-            return ProbeAnswer(request, took_s, trouble=str(error), echoes_tid=echoes_tid)
-        return ProbeAnswer(request, took_s, frames.values_of(request, payload), echoes_tid=echoes_tid)
+            return _Exchange(b"", took_s, self._lost)
+        return _Exchange(frame, took_s, echoes_tid=frames.tid_of(frame) == self._tid)
 
     def close(self) -> None:
         """Drop the connection; the next read makes another."""
@@ -146,6 +208,10 @@ class Prober:
     def _on_lost(self, reason: str) -> None:
         self._lost = reason
         self._on_frame(b"")
+
+
+class _Trouble(Exception):
+    """A request was not answered as it should be; the text says why."""
 
 
 @asynccontextmanager

@@ -266,6 +266,12 @@ def test_the_risk_of_a_probe_is_printed_before_it_is_made(port: int) -> None:
     assert "slots" in codes(done.stdout) or codes(done.stdout) & SLOW
 
 
+def test_a_simulated_controller_says_that_it_is_simulated(port: int) -> None:
+    done = call("doctor", f"127.0.0.1:{port}", "--map", "generic-registers", "--seconds", "1", "--probe", "identity")
+    assert done.stderr.startswith("probe identity: asks for vendor, product code and revision with function 43")
+    assert "vendor lift-manager, product code simulated generic-registers, revision " in done.stdout
+
+
 def test_doctor_stays_off_a_controller_that_a_manager_has(port: int) -> None:
     with controller_lock("127.0.0.1", port):
         done = call("doctor", f"127.0.0.1:{port}", "--map", "generic-registers", "--seconds", "1")

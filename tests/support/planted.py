@@ -12,7 +12,7 @@ from lift_manager.commissioning.doctor.evidence import Evidence, Probe, collect
 from lift_manager.commissioning.doctor.report import Report, make_report
 from lift_manager.commissioning.doctor.subjects import ExaminedController, Subjects, subjects_at
 from lift_manager.lab.plant import simulated_lift
-from register_maps import frames
+from register_maps import frames, identification
 from register_maps.codec import Codec, compile_map
 from register_maps.frames import Request
 from register_maps.load import LoadedMap, load
@@ -67,6 +67,8 @@ class Mistake:
     """What people press, and when."""
     writes: tuple[tuple[float, Table, int, int], ...] = ()
     """What another client writes: time, table, address, value."""
+    identity: str = ""
+    """What follows `2B 0E` in the answer to the question what it is, in hex; empty: exception 01."""
     probes: tuple[Probe, ...] = ()
     seconds: float = 8.0
 
@@ -115,6 +117,8 @@ class PlantedController:
         self._read_at, idle_s = now, now - self._read_at
         if mistake.taken or idle_s > mistake.idle_s:
             return [(0.0, None)]
+        if frame[7] == identification.FUNCTION:
+            return [(mistake.delay_s, _identity(frame, mistake.identity))]
         request = frames.parse_request(frame)
         self.received.append(request)
         if request.unit != self._unit and mistake.other_units != "as its own":
@@ -155,6 +159,13 @@ class PlantedController:
             if self.mistake.shift and -2 <= address <= 60:
                 return 0
             raise
+
+
+def _identity(frame: bytes, says: str) -> bytes:
+    if not says:
+        return frames.exception_answer(frame, 1)
+    pdu = frame[7:9] + bytes.fromhex(says)
+    return frame[:4] + (1 + len(pdu)).to_bytes(2, "big") + frame[6:7] + pdu
 
 
 def _lift(codec: Codec, floors: Mapping[str, int], start: int) -> RegisterFace:

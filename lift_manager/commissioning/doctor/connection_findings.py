@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from statistics import median
@@ -96,6 +96,7 @@ class ConnectionJudge:
         yield from self._interruptions()
         yield from self._timing()
         yield from self._slots()
+        yield from self._identities()
         yield from self._facts()
 
     def _finding(self, severity: Severity, code: str, text: str, cure: str = "", where: str = "") -> Finding:
@@ -378,6 +379,24 @@ class ConnectionJudge:
             most = f"{slots.further + 1}" if slots.further < slots.tried else f"at least {slots.further + 1}"
             yield self._finding(Severity.NOTE, "slots", f"it serves {most} clients at once")
 
+    def _identities(self) -> Iterator[Finding]:
+        """Repeat what each unit says that it is. Many say nothing, which is no fault."""
+        found = self._evidence.identities or {}
+        for unit, identity in found.items():
+            whose = f"unit {unit}" if len(found) > 1 else "it"
+            if identity.texts:
+                yield self._finding(
+                    Severity.NOTE, "identity", f"{whose} says that it is: {identity_text(identity.texts)}"
+                )
+                continue
+            if identity.exception is not None:
+                why = f"function 43 is answered with exception {identity.exception:02X}"
+            else:
+                why = identity.trouble or "its texts are empty"
+            yield self._finding(
+                Severity.NOTE, "no-identity", f"{whose} gives no identity ({why}); many controllers do not"
+            )
+
     # -- what the probes of ranges have found
 
     def _facts(self) -> Iterator[Finding]:
@@ -433,6 +452,11 @@ class ConnectionJudge:
             ),
             default=0,
         )
+
+
+def identity_text(texts: Mapping[str, str]) -> str:
+    """Write what a controller says that it is: `vendor ACME, product code X1, revision 2.4`."""
+    return ", ".join(f"{name.replace('_', ' ')} {text}" for name, text in texts.items())
 
 
 def served_ranges(evidence: ControllerEvidence) -> dict[tuple[int, Table], tuple[tuple[int, int], ...]]:

@@ -16,7 +16,7 @@ from drivers.errors import ACCEPTED, BUSY, PATH_UNAVAILABLE, TARGET_SILENT, Conn
 from drivers.modbus.plan import polled_points
 from drivers.modbus.wire import PymodbusWire, Wire
 from lift_manager.commissioning.doctor.subjects import SIBLING, ExaminedController, Subjects
-from lift_manager.commissioning.prober import ProbeAnswer, Prober, open_prober
+from lift_manager.commissioning.prober import Identity, ProbeAnswer, Prober, open_prober
 from register_maps.codec import Block
 from register_maps.frames import MAX_READ_BITS, MAX_READ_REGISTERS
 from register_maps.words import BIT_TABLES, Table
@@ -48,6 +48,7 @@ class Probe(StrEnum):
     UNIT = "unit"
     RANGE = "range"
     BLOCK = "block"
+    IDENTITY = "identity"
     SLOT = "slot"
     PORT = "port"
 
@@ -59,6 +60,8 @@ RISKS: Mapping[Probe, str] = {
     "blocks it for 2 s",
     Probe.RANGE: "reads single addresses around what the map says is served; a controller may log each exception as a fault",
     Probe.BLOCK: "reads longer and longer blocks; a weak controller may stop answering until it is switched off and on",
+    Probe.IDENTITY: "asks for vendor, product code and revision with function 43, which only reads; a controller that does not know it may"
+    " log a fault or end the connection",
     Probe.SLOT: f"opens up to {MOST_OTHER_CONNECTIONS} more connections; a controller may drop another client for them, such as the "
     "building management",
     Probe.PORT: f"connects to the ports {', '.join(map(str, PORTS))} of the host; a firewall may report it",
@@ -147,6 +150,8 @@ class ControllerEvidence:
     slots: SlotEvidence | None = None
     open_ports: tuple[int, ...] | None = None
     """Ports that accept a connection; None if that was not tried."""
+    identities: Mapping[int, Identity] | None = None
+    """What each unit says that it is; None if that was not asked."""
 
     def of(self, *purposes: Purpose) -> Iterator[Answer]:
         """Yield the answers to reads for these purposes."""
@@ -274,7 +279,11 @@ class _Examiner:
                 await self._poll(prober)
                 connects = prober.connects
                 survives_pause = await self._pause(prober)
-                slots = await self._probe(prober)
+                await self._probe(prober)
+                identities = await self._identify(prober) if Probe.IDENTITY in self._probes else None
+                slots = (
+                    await self._probe_slots(prober) if Probe.SLOT in self._probes and not self._is_hopeless else None
+                )
         except ConnectFailed as error:
             ports = await self._open_ports() if Probe.PORT in self._probes else None
             return ControllerEvidence(error.problem, str(error), tuple(self._answers), open_ports=ports)
@@ -285,6 +294,7 @@ class _Examiner:
             survives_pause=survives_pause,
             slots=slots,
             open_ports=ports,
+            identities=identities,
         )
 
     async def _read(
@@ -378,11 +388,12 @@ class _Examiner:
 
     # -- probes
 
-    async def _probe(self, prober: Prober) -> SlotEvidence | None:
+    async def _probe(self, prober: Prober) -> None:
+        """Make the chosen probes that read addresses."""
         if Probe.UNIT in self._probes:
             await self._probe_units(prober)
         if self._is_hopeless:
-            return None
+            return
         for probe, work in (
             (Probe.OFFSET, self._probe_offsets),
             (Probe.TABLE, self._probe_tables),
@@ -392,7 +403,19 @@ class _Examiner:
             if probe in self._probes:
                 self._report(f"{self._controller.name}: probing {probe}")
                 await work(prober)
-        return await self._probe_slots(prober) if Probe.SLOT in self._probes else None
+
+    async def _identify(self, prober: Prober) -> dict[int, Identity]:
+        """Ask every unit that answers what it is."""
+        found = {}
+        for unit in dict.fromkeys(unit for unit, _ in self._polls):
+            if self._is_silent(unit):
+                continue
+            self._report(f"{self._controller.name}: asking unit {unit} what it is")
+            try:
+                found[unit] = await prober.identify(unit=unit)
+            except ConnectFailed as error:
+                found[unit] = Identity(trouble=f"no new connection: {error}")
+        return found
 
     async def _probe_units(self, prober: Prober) -> None:
         _, block = self._polls[0]

@@ -47,6 +47,8 @@ class ControllerFacts:
     clients: int | None = None
     served: tuple[str, ...] | None = None
     largest_blocks: tuple[str, ...] | None = None
+    identities: Mapping[str, Mapping[str, str]] | None = None
+    """What each unit says that it is, by its id; empty for one that says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +137,9 @@ def _controller(subjects: Subjects, evidence: Evidence, name: str) -> Controller
         )
         if Probe.BLOCK in evidence.probes
         else None,
+        identities=None
+        if found.identities is None
+        else {str(unit): dict(identity.texts) for unit, identity in found.identities.items()},
     )
 
 
@@ -323,11 +328,26 @@ def _controller_differences(name: str, before: Mapping[str, Any], now: Mapping[s
         was, is_now = before.get(key), now.get(key)
         if was is not None and is_now is not None and was != is_now:
             yield f"{name}: {text}: {_text(was)} before, {_text(is_now)} now"
+    yield from _identity_differences(name, before.get("identities"), now.get("identities"))
     was_s, now_s = before.get("p50_s"), now.get("p50_s")
     if was_s is not None and now_s is not None:
         low, high = sorted((was_s, now_s))
         if high > SLOWER_BY * low and high - low > SLOWER_BY_S:
             yield f"{name}: an answer took {milliseconds(was_s)} before, {milliseconds(now_s)} now"
+
+
+def _identity_differences(
+    name: str, before: Mapping[str, Mapping[str, str]] | None, now: Mapping[str, Mapping[str, str]] | None
+) -> Iterator[str]:
+    """Name what a unit says of itself and did not say before: another controller, or another version of its firmware."""
+    if before is None or now is None:
+        return
+    for unit in dict.fromkeys([*before, *now]):
+        was, says = before.get(unit, {}), now.get(unit, {})
+        for key in dict.fromkeys([*was, *says]):
+            if was.get(key) != says.get(key):
+                texts = f"{was.get(key, 'none')} before, {says.get(key, 'none')} now"
+                yield f"{name}: unit {unit} is another controller or has other firmware: {key.replace('_', ' ')} {texts}"
 
 
 def _text(value: Any) -> str:

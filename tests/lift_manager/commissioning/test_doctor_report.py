@@ -84,6 +84,69 @@ def test_what_was_not_probed_in_one_of_the_runs_is_not_compared(tmp_path: Path) 
     assert differences(kept(Mistake(), tmp_path), run(PROBED, tmp_path)) == ()
 
 
+ACME = "01 01 00 00 03 00 04 41 43 4D 45 01 02 58 31 02 03 32 2E 34"
+"""Vendor ACME, product code X1, revision 2.4."""
+IDENTIFIED = Mistake(probes=(Probe.IDENTITY,), identity=ACME)
+
+
+def noted(mistake: Mistake, folder: Path) -> dict[str, str]:
+    """Return the notes of a run by their codes."""
+    report = run(mistake, folder)
+    assert not report.needs_work
+    return {finding.code: finding.text for finding in report.findings}
+
+
+def test_what_a_controller_says_that_it_is_is_a_note_and_among_the_data(tmp_path: Path) -> None:
+    assert noted(IDENTIFIED, tmp_path)["identity"] == "it says that it is: vendor ACME, product code X1, revision 2.4"
+    acme = {"vendor": "ACME", "product_code": "X1", "revision": "2.4"}
+    assert kept(IDENTIFIED, tmp_path)["controllers"]["plc:502"]["identities"] == {"1": acme}
+
+
+@each_row(
+    "says, why",
+    [
+        ("", "function 43 is answered with exception 01"),
+        ("01 01 00 00 01 00 00", "its texts are empty"),
+        ("02 01 00 00 00", "read device identification, unit 1: expected unit 1 and 2b 0e 01, received 01 2b 0e 02"),
+    ],
+)
+def test_a_controller_that_does_not_say_what_it_is_has_no_fault(
+    says: str, why: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    text = noted(replace(IDENTIFIED, identity=says), tmp_path_factory.mktemp("run"))["no-identity"]
+    assert text.startswith(f"it gives no identity ({why}")
+    assert text.endswith("; many controllers do not")
+
+
+def test_nobody_is_asked_what_it_is_without_the_probe(tmp_path: Path) -> None:
+    report = run(replace(IDENTIFIED, probes=()), tmp_path)
+    assert report.controllers["plc:502"].identities is None
+    assert differences(kept(IDENTIFIED, tmp_path), report) == ()
+
+
+@each_row(
+    "before, now, expected",
+    [
+        (ACME, ACME[:-1] + "5", "revision 2.4 before, 2.5 now"),
+        (ACME, ACME.replace("58 31", "58 32"), "product code X1 before, X2 now"),
+        (ACME.replace("03 00 04", "02 00 04")[:-15], ACME, "revision none before, 2.4 now"),
+    ],
+)
+def test_another_firmware_than_at_hand_over_is_named(
+    before: str, now: str, expected: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("run")
+    earlier = kept(replace(IDENTIFIED, identity=before), folder)
+    (line,) = differences(earlier, run(replace(IDENTIFIED, identity=now), folder))
+    assert line == f"plc:502: unit 1 is another controller or has other firmware: {expected}"
+
+
+def test_a_run_from_before_there_was_that_probe_is_compared_without_it(tmp_path: Path) -> None:
+    before = json.loads(as_json(run(IDENTIFIED, tmp_path)))
+    del before["controllers"]["plc:502"]["identities"]
+    assert differences(before, run(IDENTIFIED, tmp_path)) == ()
+
+
 @each_row(
     "text, reason",
     [

@@ -1,16 +1,16 @@
 """The prober: one read at a time, nothing repeated, nothing hidden, and nothing written."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import ConnectFailed, ConnectProblem, ControllerTaken
 from drivers.modbus.lock import controller_lock
-from drivers.modbus.memory import MemoryDevice, edited, exception, hang_up, late, silence
+from drivers.modbus.memory import MemoryDevice, MemoryWire, Reply, edited, exception, hang_up, late, silence
 from drivers.modbus.wire import Wire
-from lift_manager.commissioning.prober import GAP_S, TIMEOUT_S, Prober, open_prober
+from lift_manager.commissioning.prober import GAP_S, TIMEOUT_S, Identity, Prober, open_prober
 from register_maps.errors import BadRequest
 from register_maps.words import Table
 from tests.support.rows import each_row
@@ -213,6 +213,69 @@ def test_a_tap_sees_every_frame_while_it_lasts() -> None:
 
     probed(device, work)
     assert frames == [(True, "00 01 00 00 00 06 01 03 00 05 00 01"), (False, "00 01 00 00 00 05 01 03 02 00 00")]
+
+
+IDENTIFICATION = {
+    "01 00": "01 02 FF 02 02 00 02 41 42 01 01 43",  # "AB" and "C", the next one is 2
+    "01 02": "01 02 00 00 01 02 02 56 31",  # "V1"
+    "02 00": "02 02 00 00 02 00 02 41 42 06 01 78",  # "AB", and "x" as the application
+}
+
+
+def identified(answers: Mapping[str, str | None], *, unit: int = 1) -> tuple[Identity, list[str]]:
+    """Return what a prober makes of these answers by request, and the requests; None hangs up, a missing one is silence."""
+    requests: list[str] = []
+
+    def answer(frame: bytes) -> list[Reply]:
+        requests.append(frame[9:].hex(" ").upper())
+        if requests[-1] not in answers:
+            return []
+        given = answers[requests[-1]]
+        if given is None:
+            return [(0.0, None)]
+        if given.startswith("AB"):
+            return [(0.0, frame[:5] + bytes((3, frame[6])) + bytes.fromhex(given))]
+        body = bytes((frame[6], 0x2B, 0x0E)) + bytes.fromhex(given)
+        return [(0.0, frame[:5] + bytes((len(body),)) + body)]
+
+    async def main() -> Identity:
+        prober = Prober(MemoryWire(answer))
+        found = await prober.identify(unit=unit)
+        prober.close()
+        return found
+
+    return run_virtual(main), requests
+
+
+def test_an_identity_is_read_in_as_many_parts_as_it_comes_and_regular_objects_where_there_are_some() -> None:
+    found, requests = identified(IDENTIFICATION)
+    assert found == Identity({"vendor": "AB", "product_code": "C", "revision": "V1", "application": "x"})
+    assert requests == ["01 00", "01 02", "02 00"]
+
+
+@each_row(
+    ("answers", "expected"),
+    [
+        ({"01 00": "AB 01"}, Identity(exception=1)),
+        ({"01 00": "01 01 00 00 00"}, Identity()),
+        ({"01 00": "01 01 00 00 01 00 01 41"}, Identity({"vendor": "A"})),
+        ({}, Identity(trouble="no answer within 2 s")),
+        ({"01 00": None}, Identity(trouble="the controller closed the connection")),
+        # what the first answer had is kept when the rest fails, or when the next one is said to begin before it
+        ({"01 00": "01 02 00 00 01 00 01 41", "02 00": "AB 03"}, Identity({"vendor": "A"}, exception=3)),
+        ({"01 00": "01 01 FF 00 01 00 01 41"}, Identity({"vendor": "A"})),
+    ],
+)
+def test_a_controller_may_have_no_identity_or_only_a_part_of_one(
+    answers: Mapping[str, str | None], expected: Identity
+) -> None:
+    assert identified(answers)[0] == expected
+
+
+def test_an_identity_that_does_not_fit_is_trouble() -> None:
+    found, _ = identified({"01 00": "02 01 00 00 00"})
+    assert found.texts == {}
+    assert "read device identification, unit 1: expected unit 1 and 2b 0e 01" in found.trouble
 
 
 def test_what_the_specification_does_not_allow_is_not_sent() -> None:
