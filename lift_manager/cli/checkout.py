@@ -39,6 +39,8 @@ from lift_manager.commissioning.checkout.record import (
     verdict,
 )
 from lift_manager.commissioning.checkout.registers import ReadFailed
+from lift_manager.commissioning.doctor.evidence import RISKS, Probe
+from lift_manager.commissioning.wording import identity_text
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.plain.text import counted
@@ -74,6 +76,13 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
         str,
         typer.Option("--identity", metavar="TEXT", help="Maker, serial number and program version of the controller."),
     ] = "",
+    probe_identity: Annotated[
+        bool,
+        typer.Option(
+            "--probe-identity",
+            help="Also ask the controller what it is, as `doctor --probe identity` does at the same risk.",
+        ),
+    ] = False,
     failed: Annotated[bool, typer.Option("--failed", help="Do failed items again, and nothing else.")] = False,
     item: Annotated[
         list[str] | None, typer.Option("--item", metavar="ID", help="Do this item, such as S-07; repeat it for more.")
@@ -129,11 +138,13 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
         save(path, record)
     except RecordUnusable as error:
         raise fail(str(error)) from error
-    record = _run(record, path, items, access, loaded)
+    record = _run(record, path, items, access, loaded, probe_identity=probe_identity)
     _report_end(record, path)
 
 
-def _run(record: Record, path: Path, items: Sequence[Item], access: SiteAccess, loaded: LoadedSite) -> Record:
+def _run(
+    record: Record, path: Path, items: Sequence[Item], access: SiteAccess, loaded: LoadedSite, *, probe_identity: bool
+) -> Record:
     """Run the test; returns the record as far as it came."""
     test = Checkout(
         record,
@@ -148,7 +159,7 @@ def _run(record: Record, path: Path, items: Sequence[Item], access: SiteAccess, 
         for text in (_heading(record, len(items)), RULES, HELP):
             out.print(text, markup=False, highlight=False)
         try:
-            await _identify(test, access)
+            await _identify(test, access, probe_identity=probe_identity)
             await test.run(items)
             if not verdict(test.record).remaining:
                 await test.close()
@@ -167,19 +178,34 @@ def _run(record: Record, path: Path, items: Sequence[Item], access: SiteAccess, 
     return test.record
 
 
-async def _identify(test: Checkout, access: SiteAccess) -> None:
+async def _identify(test: Checkout, access: SiteAccess, *, probe_identity: bool) -> None:
     """Take the fingerprint of the controller, and compare it with that of the beginning."""
+    if probe_identity:
+        out.print(f"probe identity: {RISKS[Probe.IDENTITY]}", markup=False, highlight=False)
     async with access.registers() as registers:
-        found = await registers.fingerprint()
+        found = await registers.fingerprint(probe_identity=probe_identity)
+    if probe_identity:
+        says = (
+            f"says that it is: {identity_text(found.identity)}" if found.identity else "gives no identity; many do not"
+        )
+        out.print(f"the controller {says}", markup=False, highlight=False)
     before = test.record.controller.fingerprint
     if before is None:
         test.keep_fingerprint(found)
-    elif (text := _difference(before, found)) and test.record.results:
+        return
+    if (text := _difference(before, found)) and test.record.results:
         out.print(f"caution: {text}", markup=False, highlight=False)
+    if not before.identity and found.identity:
+        test.keep_fingerprint(before.model_copy(update={"identity": found.identity}))
 
 
 def _difference(before: Fingerprint, found: Fingerprint) -> str:
     """Return why this may be another controller than at the beginning; empty if nothing says so."""
+    if before.identity and found.identity and before.identity != found.identity:
+        return (
+            f"the controller said that it is {identity_text(before.identity)} when this checkout began, and says"
+            f" {identity_text(found.identity)} now; with another controller or firmware use --new"
+        )
     if before.served != found.served:
         return "the controller answers for other addresses than when this checkout began; with another controller use --new"
     constants = {(one.table, one.address): one.value for one in found.constants}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from register_maps.codec import CommandCodec, Point, SignalCodec
 from register_maps.command_codec import payload_counts
@@ -50,6 +50,11 @@ SHARED_WORD = {
 def one_line(text: str) -> str:
     """Remove control characters and line ends from a foreign text."""
     return " ".join(_CONTROL.sub(" ", text).split())
+
+
+def identity_text(texts: Mapping[str, str]) -> str:
+    """Describe what a controller says that it is: `vendor ACME, product code X1, revision 2.4`."""
+    return ", ".join(f"{name.replace('_', ' ')} {text}" for name, text in texts.items())
 
 
 def wire(point: Point, count: int = 1) -> str:

@@ -180,6 +180,7 @@ def test_answers_may_come_through_a_pipe_and_their_end_ends_the_checkout(site: P
     answers = "rev 3\nP-7\nnone\nstick 4\ny\ny\ny\nn\nn\n"
     done = piped(site, answers, *WHO, "--item", "R-01", "--item", "R-02")
     assert done.returncode == 3, done
+    assert "function 43" not in done.stdout
     assert "R-01: fail" in done.stdout
     assert "R-02: " not in done.stdout
 
@@ -196,6 +197,21 @@ def test_answers_may_come_through_a_pipe_and_their_end_ends_the_checkout(site: P
     assert record["floors"] == {"L1": 0, "L2": 1, "L3": 3}
     assert [one["outcome"] for one in record["results"]] == ["fail", "pass"]
     assert [(one["severity"], one["closed_at"] is None) for one in record["punch_list"]] == [("A", True), ("A", False)]
+
+
+def test_a_controller_is_asked_what_it_is_and_another_one_is_noticed(site: Path) -> None:
+    asked = piped(site, "rev 3\nP-7\nnone\nstick 4\ny\ny\ny\nn\nn\n", *WHO, "--item", "R-01", "--probe-identity")
+    said = re.sub(r"\s+", " ", asked.stdout)
+    assert said.index("probe identity: asks for vendor") < said.index(
+        "the controller says that it is: vendor lift-manager"
+    )
+    (path,) = (site.parent / "kept").glob("*.checkout.*.sat.json")
+    identity = json.loads(path.read_text())["controller"]["fingerprint"]["identity"]
+    assert identity["product_code"] == "simulated generic-coils"
+
+    path.write_text(path.read_text().replace('"product_code": "simulated', '"product_code": "another'))
+    again = re.sub(r"\s+", " ", piped(site, "", "--item", "R-02", "--probe-identity").stdout)
+    assert "caution: the controller said that it is vendor lift-manager, product code another generic-coils" in again
 
 
 def test_a_running_manager_is_left_alone(site: Path) -> None:

@@ -129,11 +129,14 @@ class Fingerprint(_Part):
     served: tuple[ServedRange, ...] = ()
     constants: tuple[ConstantWord, ...] = ()
     latency: Latency | None = None
+    # excluded while it is empty, so that a record from before there was one keeps its hash
+    identity: dict[str, str] = Field(default_factory=dict, exclude_if=lambda texts: not texts)
+    """What the controller says that it is, by name, such as `vendor` and `revision`; empty if it says nothing or was not asked."""
     taken_at: AwareDatetime
 
     @property
     def sha256(self) -> str:
-        """Hash of what stays the same from one day to the next: not of the latency."""
+        """Hash of what stays the same from one day to the next, and is always read: not of latency and identity."""
         return _hash(self.model_dump(mode="json", include={"served", "constants"}))
 
 

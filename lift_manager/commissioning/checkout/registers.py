@@ -51,8 +51,11 @@ class Registers:
             image[space][block.start : block.start + block.count] = values
         return Registered(self.codec, image)
 
-    async def fingerprint(self) -> Fingerprint:
-        """Return what can be known of the controller by reading the ranges of its map. Raises ReadFailed and ConnectFailed."""
+    async def fingerprint(self, *, probe_identity: bool = False) -> Fingerprint:
+        """Return what can be known of the controller by reading the ranges of its map, and by asking what it is.
+
+        Raises ReadFailed and ConnectFailed.
+        """
         commanded = (point for command in self.codec.commands.values() for point in command.points)
         mapped = {(point.space, point.address) for point in (*self.codec.signal_points, *commanded)}
         seen: dict[tuple[str, int], set[int]] = {}
@@ -80,7 +83,15 @@ class Registers:
         )
         while len(self.took_s) < SAMPLES:
             await self.look()
-        return Fingerprint(served=_joined(served), constants=constants, latency=latency(self.took_s), taken_at=now())
+        prober, unit = self._probers[""]
+        identity = dict((await prober.identify(unit=unit)).texts) if probe_identity else {}
+        return Fingerprint(
+            served=_joined(served),
+            constants=constants,
+            latency=latency(self.took_s),
+            identity=identity,
+            taken_at=now(),
+        )
 
     async def _read(self, block: Block) -> tuple[int, ...]:
         prober, unit = self._probers[block.endpoint]

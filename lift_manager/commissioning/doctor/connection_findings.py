@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from statistics import median
@@ -25,7 +25,7 @@ from lift_manager.commissioning.doctor.evidence import (
 from lift_manager.commissioning.doctor.finding import Finding, Severity
 from lift_manager.commissioning.doctor.subjects import ExaminedController, ExaminedLift, Subjects
 from lift_manager.commissioning.prober import NO_ANSWER, TIMEOUT_S
-from lift_manager.commissioning.wording import TABLE_NAMES
+from lift_manager.commissioning.wording import TABLE_NAMES, identity_text
 from register_maps.errors import EXCEPTION_NAMES
 from register_maps.words import BIT_TABLES, READ_FUNCTION, Table
 
@@ -452,11 +452,6 @@ class ConnectionJudge:
             ),
             default=0,
         )
-
-
-def identity_text(texts: Mapping[str, str]) -> str:
-    """Write what a controller says that it is: `vendor ACME, product code X1, revision 2.4`."""
-    return ", ".join(f"{name.replace('_', ' ')} {text}" for name, text in texts.items())
 
 
 def served_ranges(evidence: ControllerEvidence) -> dict[tuple[int, Table], tuple[tuple[int, int], ...]]:

@@ -27,7 +27,13 @@ from lift_manager.commissioning.checkout.record import (
     verdict,
 )
 from lift_manager.commissioning.checkout.report import charts
-from lift_manager.commissioning.checkout.report.difference import Difference, address, compare, fingerprint
+from lift_manager.commissioning.checkout.report.difference import (
+    Difference,
+    address,
+    compare,
+    fingerprint,
+    own_identity,
+)
 from lift_manager.commissioning.checkout.report.figures import (
     CLOSES,
     OPENS,
@@ -214,6 +220,7 @@ def _identity(record: Record) -> Iterator[str]:
             ("Map", f"{tested.name}: {tested.title}" if tested.title else tested.name),
             ("Controller", address(record)),
             ("Identity", controller.identity or "none given"),
+            ("As it says itself", own_identity(record) or "it was not asked, or says nothing"),
             (
                 "Versions",
                 ", ".join(f"{name} {version}" for name, version in record.versions.items()) or "none recorded",

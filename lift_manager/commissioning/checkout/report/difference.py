@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from lift_manager.commissioning.checkout.record import Item, Record
 from lift_manager.commissioning.checkout.report.figures import CLOSES, OPENS, door_times, travel_times
+from lift_manager.commissioning.wording import identity_text
 
 NOT_DONE = "not done"
 NOT_THERE = "no such item"
@@ -78,6 +79,7 @@ def _general(before: Record, after: Record) -> Iterator[tuple[str, str, str]]:
     yield row("Settings of the lift (sha256)", *(record.map.lift_sha256 for record in both))
     yield row("Controller", *(address(record) for record in both))
     yield row("Identity of the controller", *(record.controller.identity for record in both))
+    yield row("What the controller says that it is", *(own_identity(record) for record in both))
     yield row("Fingerprint of the controller", *(fingerprint(record) for record in both))
     programs = dict.fromkeys([*before.versions, *after.versions])
     yield from (row(f"Version of {name}", *(record.versions.get(name, "") for record in both)) for name in programs)
@@ -92,6 +94,12 @@ def address(record: Record) -> str:
 def fingerprint(record: Record) -> str:
     """Return the hash of the controller's fingerprint; empty without one."""
     return "" if record.controller.fingerprint is None else record.controller.fingerprint.sha256
+
+
+def own_identity(record: Record) -> str:
+    """Return what the controller says that it is; empty if it says nothing, or was not asked."""
+    taken = record.controller.fingerprint
+    return "" if taken is None else identity_text(taken.identity)
 
 
 def outcome(record: Record, number: str) -> str:

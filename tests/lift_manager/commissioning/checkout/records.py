@@ -300,6 +300,7 @@ UNSIGNED = Record(
                 ConstantWord(table="holding", address=131, value=214),
             ),
             latency=_latency(),
+            identity={"vendor": "Thyra", "product_code": "LC-3", "revision": "4.1"},
             taken_at=at(2),
         ),
     ),

@@ -9,6 +9,7 @@ import pytest
 
 from lift_manager.commissioning.checkout.record import (
     Controller,
+    Fingerprint,
     HandBack,
     Item,
     MapIdentity,
@@ -172,6 +173,13 @@ def test_a_signature_is_for_the_record_as_it_was_signed() -> None:
     assert not verdict(unsigned).is_signed
     changed = signed.model_copy(update={"results": (*signed.results, result("S-02", FAILED))})
     assert not verdict(changed).is_signed
+
+
+def test_what_was_never_recorded_does_not_change_the_hash_of_a_signed_record() -> None:
+    assert "identity" not in Fingerprint(taken_at=AT).model_dump()
+    asked = Fingerprint(taken_at=AT, identity={"vendor": "Thyra"})
+    assert asked.model_dump()["identity"] == {"vendor": "Thyra"}
+    assert asked.sha256 == Fingerprint(taken_at=AT).sha256
 
 
 def test_the_lift_is_handed_back_when_it_is_in_normal_service() -> None:

@@ -165,6 +165,7 @@ def test_the_map_the_controller_and_the_versions_stand_in_it(sat: Page) -> None:
     assert SAT.controller.fingerprint is not None
     assert row_of(sat, "Fingerprint (sha256)")[1] == SAT.controller.fingerprint.sha256
     assert row_of(sat, "Identity")[1] == "Thyra LC-3, serial 88-1203, program 2.14"
+    assert row_of(sat, "As it says itself")[1] == "vendor Thyra, product code LC-3, revision 4.1"
     assert row_of(sat, "Versions")[1] == "lift-manager 1.0.0, Python 3.11.2"
     assert row_of(sat, "Served")[1] == "holding 100 to 131 (unit 1); coil 0 to 15 (unit 1)"
 
@@ -287,6 +288,7 @@ def test_the_difference_lists_items_that_came_out_differently_or_are_not_the_sam
         "Map (sha256)",
         "Controller",
         "Identity of the controller",
+        "What the controller says that it is",
         "Fingerprint of the controller",
     ]
 
