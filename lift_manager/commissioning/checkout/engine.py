@@ -13,6 +13,7 @@ from lift_manager.commissioning.checkout.lift import WatchedLift
 from lift_manager.commissioning.checkout.person import YES, YES_NO, Person, Prompt, Question
 from lift_manager.commissioning.checkout.plan import ItemKind
 from lift_manager.commissioning.checkout.record import (
+    Confirmation,
     Fingerprint,
     Item,
     Outcome,
@@ -67,6 +68,10 @@ BEFORE_ABNORMAL = frozenset({Topic.CAR_EMPTY, Topic.LANDINGS, Topic.FIRE_PANEL})
 ON_THE_DESK = "factory acceptance test: no passengers"
 
 
+class NotConfirmed(Exception):
+    """A confirmation does not count; the sentence says why, for the second person."""
+
+
 class Checkout:
     """One acceptance test while it runs. `record` is the newest state, which has been saved."""
 
@@ -81,6 +86,30 @@ class Checkout:
         self._codec = codec
         self._links = tuple(links)
         self._by = record.people.run_by.name
+        self._earlier_results = len(record.results)
+        self.item: Item | None = None
+        """The item under test."""
+
+    @property
+    def confirmable(self) -> Result | None:
+        """The newest result of this run, if it was there to be seen: the one that a second person may confirm."""
+        results = self.record.results
+        is_new = len(results) > self._earlier_results
+        return results[-1] if is_new and results[-1].outcome in (Outcome.PASSED, Outcome.FAILED) else None
+
+    def confirm(self, number: int, name: str) -> Confirmation:
+        """Keep that a second person saw how the newest result came about, which is number `len(record.results)`.
+
+        Raises NotConfirmed, and what saving raises.
+        """
+        result = self.confirmable
+        if result is None or number != len(self.record.results):
+            raise NotConfirmed("Another item was done meanwhile, so this was not recorded. Look at what is shown now.")
+        if self.record.confirmations_of(result):
+            raise NotConfirmed(f"{result.item} is confirmed already.")
+        found = Confirmation(item=result.item, result=number, name=name, at=now())
+        self._keep(self.record.model_copy(update={"confirmations": (*self.record.confirmations, found)}))
+        return found
 
     def keep_fingerprint(self, found: Fingerprint) -> None:
         """Keep what was found out about the controller before the first item."""
@@ -181,6 +210,7 @@ class Checkout:
     async def _once(self, item: Item, lift: WatchedLift | None) -> Result:
         step = Step(item, self._person, self._codec, self.record.floors, self._by)
         began_at = now()
+        self.item = item
         try:
             await self._procedure(step, lift)
         except Settled as settled:
@@ -206,6 +236,7 @@ class Checkout:
             evidence=tuple(step.evidence),
             figures=dict(step.figures),
         )
+        self.item = None
         record = self.record
         self._keep(
             record.model_copy(

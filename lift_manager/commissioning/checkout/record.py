@@ -22,6 +22,8 @@ from drivers.own_files import read_own, replace_file
 from lift_manager.plain.text import counted
 
 VERSION: Literal[1] = 1
+WRITTEN = "written: "
+"""How a line of evidence begins that is about a write, and not for people."""
 
 
 @unique
@@ -250,6 +252,17 @@ class Result(_Part):
     """Measured values by name; the unit ends the name, as in `door_opens_s`."""
 
 
+class Confirmation(_Part):
+    """A second person saw how an item came to its result."""
+
+    item: str
+    result: int
+    """Which of the results of the record, counted from 1: an item that is done again needs another confirmation."""
+    name: str
+    by: Literal["phone"] = "phone"
+    at: AwareDatetime
+
+
 class Trip(_Part):
     """One whole trip of a robot, or one travel of the empty car."""
 
@@ -355,6 +368,9 @@ class Record(_Part):
     preconditions: tuple[Precondition, ...] = ()
     items: tuple[Item, ...]
     results: tuple[Result, ...] = ()
+    # excluded while there are none, so that a record from before there were any keeps its hash
+    confirmations: tuple[Confirmation, ...] = Field(default=(), exclude_if=lambda given: not given)
+    """By a second person on the page for a phone; `confirmed_by` of a result is what was typed at the laptop."""
     trips: tuple[Trip, ...] = ()
     punch_list: tuple[PunchEntry, ...] = ()
     as_built: tuple[AsBuiltChange, ...] = ()
@@ -382,6 +398,11 @@ class Record(_Part):
         """The result that counts, by number of the item; none for an item that was not done, or has changed since."""
         digests = {item.id: item.digest for item in self.items}
         return {result.item: result for result in self.results if digests.get(result.item) == result.digest}
+
+    def confirmations_of(self, result: Result) -> tuple[Confirmation, ...]:
+        """Return who confirmed a result of this record on the page for a phone."""
+        numbers = [number for number, one in enumerate(self.results, 1) if one is result]
+        return tuple(one for one in self.confirmations if one.result in numbers)
 
     @property
     def punch(self) -> tuple[PunchEntry, ...]:

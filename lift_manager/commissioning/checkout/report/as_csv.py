@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from lift_manager.commissioning.checkout.record import Item, Record
 from lift_manager.commissioning.checkout.report.difference import compare, outcome
 from lift_manager.commissioning.checkout.report.figures import figure_text
-from lift_manager.commissioning.checkout.report.words import when
+from lift_manager.commissioning.checkout.report.words import confirmed_by, when
 from lift_manager.commissioning.iolist.as_csv import safe
 
 HEAD = (
@@ -51,7 +51,7 @@ def _cells(record: Record, item: Item) -> Iterator[str]:
     if result is None:
         yield from ("",) * 7
     else:
-        yield from (result.by, result.confirmed_by, when(result.at), result.note)
+        yield from (result.by, confirmed_by(record, result), when(result.at), result.note)
         yield "; ".join(figure_text(name, value) for name, value in result.figures.items())
         yield from ("; ".join(result.evidence), "; ".join(result.photos))
     entries = (entry for entry in record.punch if entry.item == item.id)

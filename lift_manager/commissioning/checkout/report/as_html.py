@@ -49,6 +49,7 @@ from lift_manager.commissioning.checkout.report.words import (
     STAGES,
     STANDARDS,
     TOPICS,
+    confirmed_by,
     current,
     headline,
     phase,
@@ -297,7 +298,8 @@ def _item(record: Record, item: Item, result: Result | None, photos: Mapping[str
         why = "changed since it was tested" if record.changed_since(item) else ""
         outcome, note, seen = f'<td class="open">{OPEN}</td><td></td>', why, []
     else:
-        people = result.by + (f", confirmed by {result.confirmed_by}" if result.confirmed_by else "")
+        confirmed = confirmed_by(record, result)
+        people = result.by + (f", confirmed by {confirmed}" if confirmed else "")
         outcome = f'<td class="{_KINDS[result.outcome]}">{OUTCOMES[result.outcome]}</td>{_who(people, result.at)}'
         photo_lines = [_photo_text(photos.get(path, Photo(path))) for path in result.photos]
         note = "\n".join(filter(None, (result.note, *photo_lines)))

@@ -8,7 +8,16 @@ from datetime import UTC, datetime
 from itertools import groupby
 from typing import Final
 
-from lift_manager.commissioning.checkout.record import Outcome, Precondition, Record, Stage, Topic, Verdict
+from lift_manager.commissioning.checkout.record import (
+    WRITTEN,
+    Outcome,
+    Precondition,
+    Record,
+    Result,
+    Stage,
+    Topic,
+    Verdict,
+)
 
 STAGES: Final = {
     Stage.FAT: "Factory acceptance test (FAT)",
@@ -71,6 +80,12 @@ def when(at: datetime | None) -> str:
     return "" if at is None else f"{at.astimezone(UTC):%Y-%m-%d %H:%M}"
 
 
+def confirmed_by(record: Record, result: Result) -> str:
+    """Return who saw how a result came about besides the person who ran the test; empty for nobody."""
+    by_phone = (f"{one.name} by {one.by}, {when(one.at)}" for one in record.confirmations_of(result))
+    return "; ".join(filter(None, (result.confirmed_by, *by_phone)))
+
+
 def title(record: Record) -> str:
     """Return the title of a report."""
     return f"{STAGES[record.stage]}: {record.site}, lift {record.lift}"
@@ -83,7 +98,7 @@ def current(preconditions: tuple[Precondition, ...]) -> tuple[Precondition, ...]
 
 def without_repetitions(evidence: tuple[str, ...]) -> Iterator[str]:
     """Yield lines of evidence; writes that follow one another are listed once each, with their number."""
-    for is_written, lines in groupby(evidence, key=lambda line: line.startswith("written: ")):
+    for is_written, lines in groupby(evidence, key=lambda line: line.startswith(WRITTEN)):
         if not is_written:
             yield from lines
         else:

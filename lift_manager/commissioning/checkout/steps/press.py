@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from lift_manager.client.errors import ClientError
 from lift_manager.client.session import ActiveSession
 from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
+from lift_manager.commissioning.checkout.record import WRITTEN
 from lift_manager.commissioning.checkout.steps.step import Step, at
 from lift_manager.lift.commands import CommandState
 from lift_manager.rides.ride import Guidance
@@ -73,7 +74,7 @@ async def call(step: Step, lift: WatchedLift, watch: Watch, held: ActiveSession,
         await watch.until(lambda sample: sample.lift.robot_door == "open", DOOR_WITHIN_S)
     await asyncio.sleep(SETTLE_S)
     _figures(step, watch, began)
-    step.evidence += [f"written: {write.text}" for write in watch.writes if write.at >= began.at][:12]
+    step.evidence += [f"{WRITTEN}{write.text}" for write in watch.writes if write.at >= began.at][:12]
     return True
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lift_manager.commissioning.checkout.engine import Checkout
+from lift_manager.commissioning.checkout.engine import Checkout, NotConfirmed
 from lift_manager.commissioning.checkout.person import Prompt, Question, Reply
 from lift_manager.commissioning.checkout.plan import ItemKind, make_plan
 from lift_manager.commissioning.checkout.record import Outcome, Record, Severity, Stage, Topic, load, save, verdict
@@ -112,6 +113,83 @@ def test_a_document_and_what_does_not_apply_settle_an_item(tmp_path: Path) -> No
             ("p.jpg",),
             "Cy",
         )
+
+    run_virtual(main, limit_s=30000.0)
+
+
+class TwoPeople(TruthfulPerson):
+    """Lets a second person do something on a phone whenever one of these questions waits."""
+
+    def __init__(self, rig: Rig, replies: dict[Any, Any], on_phone: dict[str, Callable[[], None]]) -> None:
+        super().__init__(rig, replies)
+        self._on_phone = on_phone
+
+    async def answer(self, question: Question) -> Reply:
+        if question.subject in self._on_phone:
+            self._on_phone[question.subject]()
+        return await super().answer(question)
+
+
+def test_a_second_person_confirms_the_newest_result_once_while_the_test_goes_on(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+    saved: list[Record] = []
+    refused: list[str] = []
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        items = tuple(item for item in make_plan(loaded, LIFT, Stage.SAT) if item.kind == ItemKind.QUESTION)
+        assert [item.id for item in items] == ["R-01", "R-02", "R-03", "R-04"]
+
+        def confirm(number: int) -> None:
+            try:
+                test.confirm(number, "Cy")
+            except NotConfirmed as error:
+                refused.append(str(error))
+
+        def during_second() -> None:
+            assert (test.item, test.confirmable) == (items[1], test.record.results[0])
+            confirm(1)
+            confirm(1)
+
+        on_phone: dict[str, Callable[[], None]] = {
+            "R-01": lambda: confirm(0),
+            "R-02": during_second,
+            "R-03": lambda: confirm(1),
+            "R-04": lambda: confirm(3),
+        }
+        person = TwoPeople(rig, {(Prompt.ROBOT, "R-03"): SKIP}, on_phone)
+        test = Checkout(new_record(loaded, items), saved.append, person, rig, rig.codec, ["plc"])
+        await test.run(items)
+        assert (test.item, test.confirmable) == (None, test.record.results[3])
+        test.confirm(4, "Cy")
+
+    run_virtual(main, limit_s=30000.0)
+    record = saved[-1]
+    assert [(one.item, one.name, one.by) for one in record.confirmations] == [
+        ("R-01", "Cy", "phone"),
+        ("R-04", "Cy", "phone"),
+    ]
+    assert [len(record.confirmations_of(result)) for result in record.results] == [1, 0, 0, 1]
+    meanwhile = "Another item was done meanwhile, so this was not recorded. Look at what is shown now."
+    assert refused == [meanwhile, "R-01 is confirmed already.", meanwhile, meanwhile]
+
+
+def test_a_result_that_was_there_before_is_not_confirmed_and_one_that_is_done_again_anew(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        record = await check_out(rig, ["R-01"])
+        again = Checkout(record, lambda _: None, TruthfulPerson(rig), rig, rig.codec, ["plc"])
+        assert again.confirmable is None
+        with pytest.raises(NotConfirmed):
+            again.confirm(1, "Cy")
+        item = next(one for one in record.items if one.id == "R-01")
+        await again.run([item])
+        again.confirm(2, "Cy")
+        await again.run([item])
+        again.confirm(3, "Cy")
+        assert [len(again.record.confirmations_of(result)) for result in again.record.results] == [0, 1, 1]
 
     run_virtual(main, limit_s=30000.0)
 

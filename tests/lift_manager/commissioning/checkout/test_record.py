@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.commissioning.checkout.record import (
+    Confirmation,
     Controller,
     Fingerprint,
     HandBack,
@@ -180,6 +181,10 @@ def test_what_was_never_recorded_does_not_change_the_hash_of_a_signed_record() -
     asked = Fingerprint(taken_at=AT, identity={"vendor": "Thyra"})
     assert asked.model_dump()["identity"] == {"vendor": "Thyra"}
     assert asked.sha256 == Fingerprint(taken_at=AT).sha256
+    unsigned = record(result("S-01", PASSED))
+    assert "confirmations" not in unsigned.model_dump()
+    seen = Confirmation(item="S-01", result=1, name="Cy", at=AT)
+    assert unsigned.model_copy(update={"confirmations": (seen,)}).sha256 != unsigned.sha256
 
 
 def test_the_lift_is_handed_back_when_it_is_in_normal_service() -> None:

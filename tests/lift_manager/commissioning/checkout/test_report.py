@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from lift_manager.commissioning.checkout.record import (
+    Confirmation,
     Item,
     Outcome,
     PunchEntry,
@@ -521,6 +522,16 @@ def test_the_csv_form_has_a_line_for_each_item() -> None:
     assert (rows[0]["Earlier result"], rows[0]["Difference"]) == ("pass", "same")
     assert table(as_csv.render(FAT, SAT))[-1]["Difference"] == "no such item"
     assert "Difference" not in table(as_csv.render(SAT))[0]
+
+
+def test_who_confirmed_a_result_by_phone_and_when_stands_beside_it() -> None:
+    number, given = next((n, one) for n, one in enumerate(SAT.results, 1) if one is SAT.newest["S-01"])
+    seen = Confirmation(item="S-01", result=number, name="Cy <Okafor>", at=at(77))
+    confirmed = SAT.model_copy(update={"confirmations": (seen,)})
+    text = "Cy <Okafor> by phone, 2026-11-23 09:17"
+    assert row_of(page(confirmed), "S-01")[4].startswith(f"{given.by}, confirmed by {text}\n")
+    assert next(row for row in table(as_csv.render(confirmed)) if row["Number"] == "S-01")["Confirmed by"] == text
+    assert "confirmed by Cy <Okafor> by phone" not in page(SAT).text
 
 
 def test_no_cell_of_the_csv_form_begins_like_a_formula() -> None:
