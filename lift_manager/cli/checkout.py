@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import platform
+import socket
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,10 +17,12 @@ from rich.table import Table
 
 from drivers.errors import ConnectFailed, ControllerTaken, LockUnusable
 from lift_manager.cli.checkout_access import SiteAccess, hold_door
+from lift_manager.cli.checkout_phone import PhonePage, open_socket, print_code, serve_page
 from lift_manager.cli.checkout_terminal import HELP, EndOfInput, TerminalPerson
 from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, out, print_lines, report_mistakes, store_path_of
 from lift_manager.cli.own_manager import run_to_end
 from lift_manager.commissioning.checkout.engine import Checkout
+from lift_manager.commissioning.checkout.person import Prompt, Question
 from lift_manager.commissioning.checkout.plan import TRIPS, lift_digest, make_plan
 from lift_manager.commissioning.checkout.record import (
     Controller,
@@ -83,6 +87,15 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
             help="Also ask the controller what it is, as `doctor --probe identity` does at the same risk.",
         ),
     ] = False,
+    phone: Annotated[
+        str,
+        typer.Option(
+            "--phone",
+            metavar="HOST",
+            help="An address of this computer, on which a second person may confirm results from a phone; a port after a colon.",
+            show_default=False,
+        ),
+    ] = "",
     failed: Annotated[bool, typer.Option("--failed", help="Do failed items again, and nothing else.")] = False,
     item: Annotated[
         list[str] | None, typer.Option("--item", metavar="ID", help="Do this item, such as S-07; repeat it for more.")
@@ -100,7 +113,8 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
 ) -> None:
     """Test a lift item by item with the person at its doors, and keep a record that people sign.
 
-    `lift-manager checkout site.yaml main --by "Ana Silva, Integrator Ltd" --technician "Bo Berg, Lifts Ltd"` runs the test at the lift.
+    `lift-manager checkout site.yaml main --by "Ana Silva, Integrator Ltd" --technician "Bo Berg, Lifts Ltd"` runs the test at the lift;
+    with `--phone 192.168.1.20` a second person confirms results on the page whose QR code is shown.
 
     Ctrl-C ends it at any time: outputs are released, everything answered is kept, and the same command goes on. The manager must not run.
 
@@ -126,6 +140,7 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
             return
         people = _people(by, technician, witness, record)
         access = SiteAccess(loaded, lift)
+        how = _Manner(probe_identity, open_socket(phone) if phone else None)
         if record is None:
             record = _begin(loaded, lift, stage, plan, people, identity)
         else:
@@ -138,18 +153,28 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
         save(path, record)
     except RecordUnusable as error:
         raise fail(str(error)) from error
-    record = _run(record, path, items, access, loaded, probe_identity=probe_identity)
+    record = _run(record, path, items, access, loaded, how)
     _report_end(record, path)
 
 
+@dataclass(frozen=True, slots=True)
+class _Manner:
+    """How a test is run."""
+
+    probe_identity: bool
+    phone: socket.socket | None
+    """Where the page for a second person is served; None for no page."""
+
+
 def _run(
-    record: Record, path: Path, items: Sequence[Item], access: SiteAccess, loaded: LoadedSite, *, probe_identity: bool
+    record: Record, path: Path, items: Sequence[Item], access: SiteAccess, loaded: LoadedSite, how: _Manner
 ) -> Record:
     """Run the test; returns the record as far as it came."""
+    person = TerminalPerson(sys.stdin.fileno())
     test = Checkout(
         record,
         lambda changed: save(path, changed),
-        TerminalPerson(sys.stdin.fileno()),
+        person,
         access,
         loaded.codecs[record.lift],
         access.links,
@@ -159,8 +184,11 @@ def _run(
         for text in (_heading(record, len(items)), RULES, HELP):
             out.print(text, markup=False, highlight=False)
         try:
-            await _identify(test, access, probe_identity=probe_identity)
-            await test.run(items)
+            await _identify(test, access, probe_identity=how.probe_identity)
+            if how.phone is None:
+                await test.run(items)
+            else:
+                await _run_with_phone(test, items, person, how.phone)
             if not verdict(test.record).remaining:
                 await test.close()
         except (ConnectFailed, ReadFailed, LockUnusable) as error:
@@ -176,6 +204,31 @@ def _run(
         except RecordUnusable as error:
             raise fail(str(error)) from error
     return test.record
+
+
+async def _run_with_phone(test: Checkout, items: Sequence[Item], person: TerminalPerson, sock: socket.socket) -> None:
+    """Carry out items while a second person may confirm results from a phone; nothing waits for that but the last result."""
+    page = PhonePage(test, person.interrupt)
+    host, port, *_ = sock.getsockname()
+    base = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+    def show_code() -> None:
+        page.renew()
+        print_code(base + page.path)
+
+    print_code(base + page.path)
+    person.actions["phone"] = show_code
+    async with serve_page(page, sock, person.interrupt):
+        await test.run(items)
+        result = test.confirmable
+        if page.name and result is not None and not test.record.confirmations_of(result):
+            await person.answer(
+                Question(
+                    f"{page.name} can still confirm {result.item} on the phone. Go on, confirmed or not?",
+                    Prompt.CLOSING,
+                )
+            )
+    del person.actions["phone"]
 
 
 async def _identify(test: Checkout, access: SiteAccess, *, probe_identity: bool) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from lift_manager.cli.common import out
@@ -39,10 +40,19 @@ class TerminalPerson:
         """`stream` is the descriptor that answers come from."""
         self._stream = stream
         self._unread = b""
+        self._prompt = ""
+        """What waits for an answer."""
+        self.actions: dict[str, Callable[[], None]] = dict.fromkeys(("?", "help"), lambda: self.show(HELP))
+        """What a line does that is no answer, beside every question."""
 
     def show(self, text: str) -> None:
         """Print a line, wrapped."""
         out.print(text, markup=False, highlight=False)
+
+    def interrupt(self, text: str) -> None:
+        """Print a line that comes while a question waits, and the question again below it."""
+        self.show(f"\n{text}" if self._prompt else text)
+        self._show_prompt()
 
     async def answer(self, question: Question) -> Reply:
         """Ask until there is an answer. Raises EndOfInput."""
@@ -54,8 +64,8 @@ class TerminalPerson:
             word, _, rest = line.partition(" ")
             rest = rest.strip()
             match word:
-                case "?" | "help":
-                    self.show(HELP)
+                case _ if line in self.actions:
+                    self.actions[line]()
                 case "note" if rest:
                     notes.append(rest)
                 case "seen" if rest:
@@ -81,8 +91,19 @@ class TerminalPerson:
     async def _line(self, prompt: str) -> str:
         """Print a prompt and return the next line. What was typed before it is discarded at a terminal."""
         self._flush()
-        out.print(prompt, markup=False, highlight=False, end=" ")
-        out.file.flush()
+        self._prompt = prompt
+        self._show_prompt()
+        try:
+            return await self._next_line()
+        finally:
+            self._prompt = ""
+
+    def _show_prompt(self) -> None:
+        if self._prompt:
+            out.print(self._prompt, markup=False, highlight=False, end=" ")
+            out.file.flush()
+
+    async def _next_line(self) -> str:
         while b"\n" not in self._unread:
             chunk = await self._read()
             if not chunk:

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import httpx
 import pytest
 from pyModbusTCP.client import ModbusClient
 
@@ -214,6 +215,58 @@ def test_a_controller_is_asked_what_it_is_and_another_one_is_noticed(site: Path)
     assert "caution: the controller said that it is vendor lift-manager, product code another generic-coils" in again
 
 
+def test_a_second_person_confirms_from_a_phone_and_the_terminal_goes_on(site: Path) -> None:
+    with terminal(
+        "checkout", str(site), "lift1", *WHO, "--item", "R-01", "--item", "R-02", "--phone", "127.0.0.1"
+    ) as person:
+        url = person.expect(r"http://127\.0\.0\.1:\d+/[a-z2-7]{16}")
+        person.answer(*PRECONDITIONS[0])
+        person.expect("permit to work.*?> ")
+        with httpx.Client(timeout=HANGS_S) as phone:
+            assert phone.get(url).status_code == 200
+            person.expect("phone: opened from 127.0.0.1.*permit to work.*?> ")
+            phone.post(f"{url}/seen", data={"name": "Cy Okafor"})
+            person.answer("phone: Cy Okafor takes part.*permit to work", "P-7")
+            for pattern, line in PRECONDITIONS[2:]:
+                person.answer(pattern, line)
+            person.answer(f"R-01.*?{YES_NO}", "y")
+            person.expect(f"R-01: pass.*?R-02.*?{YES_NO}")
+            number = re.search(r'name="number" value="(\d+)"', phone.get(url).text)
+            assert number is not None
+            assert phone.post(f"{url}/seen", data={"number": number[1]}).status_code == 200
+            person.answer(f"R-01: Cy Okafor saw it, by phone .*?{YES_NO}", "phone")
+            assert person.expect(r"http://127\.0\.0\.1:\d+/[a-z2-7]{16}") != url
+            assert phone.get(url).status_code == 404
+        person.answer(YES_NO, "y")
+        assert person.ended() == 3
+    (path,) = (site.parent / "kept").glob("*.checkout.*.sat.json")
+    (confirmed,) = json.loads(path.read_text())["confirmations"]
+    assert (confirmed["item"], confirmed["result"], confirmed["name"], confirmed["by"]) == (
+        "R-01",
+        1,
+        "Cy Okafor",
+        "phone",
+    )
+
+
+def test_the_last_result_waits_for_a_phone_that_takes_part(site: Path) -> None:
+    with terminal("checkout", str(site), "lift1", *WHO, "--item", "R-01", "--phone", "127.0.0.1") as person:
+        url = person.expect(r"http://127\.0\.0\.1:\d+/[a-z2-7]{16}")
+        for pattern, line in PRECONDITIONS:
+            person.answer(pattern, line)
+        person.expect(f"R-01.*?{YES_NO}")
+        with httpx.Client(timeout=HANGS_S) as phone:
+            phone.get(url)
+            phone.post(f"{url}/seen", data={"name": "Cy"})
+            person.answer(f"takes part.*?{YES_NO}", "y")
+            person.expect(rf"Cy can still confirm R-01 on the phone.*?{DONE}")
+            assert phone.post(f"{url}/seen", data={"number": "1"}).status_code == 200
+            person.answer(f"R-01: Cy saw it, by phone.*?{DONE}", "")
+        assert person.ended() == 3
+        with pytest.raises(httpx.TransportError):
+            httpx.get(url)
+
+
 def test_a_running_manager_is_left_alone(site: Path) -> None:
     with Started() as start:
         start("serve", site, "--port", "0").says("/docs")
@@ -227,6 +280,7 @@ def test_a_running_manager_is_left_alone(site: Path) -> None:
     [
         (("main", *WHO), 1, "has no lift main; it has lift1"),
         (("lift1",), 2, "who runs the test"),
+        (("lift1", *WHO, "--phone", "0.0.0.0"), 1, "0.0.0.0 is every address of this computer, and a phone needs one"),
         (("lift1", *WHO, "--item", "S-99"), 1, "there is no item S-99; `--list` shows all of them"),
     ],
 )
