@@ -44,6 +44,7 @@ from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.journal import manager_ended, manager_started
 from lift_manager.runtime.life import SiteLife
+from lift_manager.runtime.links import WireFrame
 from lift_manager.runtime.progress import patience_s
 from lift_manager.runtime.recorder import Clock, MemoryRecorder, Recorder, wall_clock
 from lift_manager.runtime.site import Site
@@ -91,6 +92,8 @@ class Faces:
     """Keys of the API; None if it needs none. Those of a file are watched."""
     rmf: RosSettings | None = None
     """The RMF domain to join; None for none."""
+    on_frame: Callable[[WireFrame], None] | None = None
+    """Receives every frame of every link, from the first one on; it must neither wait nor raise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +202,7 @@ async def run(
     with ExitStack() as ends:
         for controller in loaded.controllers.values():
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
-        parts = build(loaded, recorder=recorder)
+        parts = _tapped(build(loaded, recorder=recorder), faces.on_frame, ends)
         systemd, site, life = notifier(), parts.site, parts.life
         adapter = _adapter(parts, faces.rmf, ends)
         crashes: list[Exception] = []
@@ -239,6 +242,14 @@ async def run(
     if crashes:
         raise ExceptionGroup("the manager stopped because of a bug", crashes)
     return released
+
+
+def _tapped(parts: ManagerParts, on_frame: Callable[[WireFrame], None] | None, ends: ExitStack) -> ManagerParts:
+    """Pass on every frame of every link, if somebody wants them."""
+    if on_frame is not None:
+        for link in parts.sources.link_names():
+            ends.enter_context(parts.sources.tap_frames(link, on_frame))
+    return parts
 
 
 def _background_tasks(

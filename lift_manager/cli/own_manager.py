@@ -28,6 +28,7 @@ from lift_manager.config.check_outputs import check_outputs
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
 from lift_manager.lift.journal import Row
+from lift_manager.runtime.links import WireFrame
 from lift_manager.runtime.recorder import Recorder
 from lift_manager.store.errors import StoreError
 from lift_manager.store.retention import Limits
@@ -54,13 +55,18 @@ SiteOption = Annotated[
 
 @asynccontextmanager
 async def own_manager(
-    loaded: LoadedSite, *, name: str, may_command: Collection[str] = (), recorder: Recorder | None = None
+    loaded: LoadedSite,
+    *,
+    name: str,
+    may_command: Collection[str] = (),
+    recorder: Recorder | None = None,
+    on_frame: Callable[[WireFrame], None] | None = None,
 ) -> AsyncIterator[LiftManagerClient]:
     """Run a manager of this site on a free port of this computer, and stop it in order: yields a client, called `name`.
 
     Not one byte is written to any lift but those of `may_command`, whatever the site file says. Nobody else has the key. Without a
     recorder nothing is written down. What the manager logs is not part of what a tool prints: warnings appear on stderr at the end,
-    those about the release of outputs always, others if the block raises an error.
+    those about the release of outputs always, others if the block raises an error. `on_frame` is as of `app.Faces`.
 
     Raises OutputsShared before anything is sent, where one of `may_command` writes what another lift of the site writes; ControllerTaken
     where another process of this computer talks to a controller of the site already, LockUnusable, and NotReleased; an ExceptionGroup
@@ -77,7 +83,14 @@ async def own_manager(
     with _hold_log_back() as log_lines, listen(HOST, 0) as sock:
         port = sock.getsockname()[1]
         running = asyncio.ensure_future(
-            app.run(private, sock, stop=stop, ready=ready.set, recorder=recorder, faces=app.Faces(keys))
+            app.run(
+                private,
+                sock,
+                stop=stop,
+                ready=ready.set,
+                recorder=recorder,
+                faces=app.Faces(keys, on_frame=on_frame),
+            )
         )
         running.add_done_callback(lambda _: ready.set())
         has_failed = True
@@ -156,7 +169,7 @@ def _new_key(name: str) -> tuple[Secret, KeyRing]:
     return token(key_id, secret), KeyRing([(key, digest_of(secret))], open_without_keys=False)
 
 
-def run_directly(
+def run_directly(  # noqa: PLR0913  each is needed by one tool or another
     site: Path,
     work: Callable[[LiftManagerClient], Awaitable[Answer]],
     *,
@@ -165,12 +178,13 @@ def run_directly(
     is_recorded: bool = False,
     change: Callable[[LoadedSite], LoadedSite] = lambda loaded: loaded,
     decision: Row | None = None,
+    on_frame: Callable[[WireFrame], None] | None = None,
 ) -> Answer:
     """Run `work` with an own manager of a site file, and release everything at its end, Ctrl-C, SIGTERM and SIGHUP included.
 
     `is_recorded`: with the store of the site, so that presses are in its journal and a lockout of before counts. `change` is made to
-    the loaded site, and `decision` of a person is on the disk before `work` begins. Prints a sentence and exits with 1 where that
-    fails.
+    the loaded site, and `decision` of a person is on the disk before `work` begins. `on_frame` is as of `app.Faces`. Prints a sentence
+    and exits with 1 where that fails.
     """
     loaded = load_site_or_exit(site)
     if loaded.unusable:
@@ -182,7 +196,9 @@ def run_directly(
     recorder = open_recorder(loaded) if is_recorded else None
 
     async def work_once() -> Answer:
-        async with own_manager(loaded, name=name, may_command=may_command, recorder=recorder) as client:
+        async with own_manager(
+            loaded, name=name, may_command=may_command, recorder=recorder, on_frame=on_frame
+        ) as client:
             if (
                 decision is not None
                 and recorder is not None

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import AsyncGenerator, Iterator
+from contextlib import ExitStack, aclosing, contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
 
@@ -29,6 +29,7 @@ from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnec
 from lift_manager.cli.own_manager import SiteOption, run_directly
 from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
+from lift_manager.client.stream import Connected, StreamEvent
 from lift_manager.commissioning.trace.names import Names, TracedLift, lifts_of_map, lifts_of_site
 from lift_manager.commissioning.trace.pcapng import PcapngWriter
 from lift_manager.commissioning.trace.record import Recorder, Sink
@@ -44,6 +45,8 @@ from lift_manager.commissioning.trace.recording import (
 from lift_manager.commissioning.trace.show import Filter, lines, summary, summary_of
 from lift_manager.plain.text import counted
 from lift_manager.plain.version import running_version
+from lift_manager.runtime.links import WireFrame
+from lift_manager.web.events.frames import encode_frame
 from register_maps.plain import closest
 
 app = typer.Typer(
@@ -96,7 +99,8 @@ def record(  # noqa: PLR0913  each is an option of the command line
 ) -> None:
     """Record every frame between the manager and one controller. Nothing is written to a lift because of it.
 
-    Where the manager has keys this needs one of the role commissioner. With --site it polls the lifts itself, in the place of a manager.
+    Where the manager has keys this needs one of the role commissioner. With --site it polls the lifts itself, in the place
+    of a manager, and records from the first frame of the connection on.
 
     Exit code 1 if there was no frame. Example: lift-manager trace record plc -o door-problem --for 30s
     """
@@ -107,7 +111,8 @@ def record(  # noqa: PLR0913  each is an option of the command line
             if site is None:
                 connection.run(lambda client: recording.record(client, link))
             else:
-                run_directly(site, lambda client: recording.record(client, link), name="trace")
+                own = _OwnFrames()
+                run_directly(site, lambda client: recording.record(client, link, own), name="trace", on_frame=own.put)
     except OSError as error:
         raise fail(f"{error.filename or output}: cannot be written: {error.strerror or error}") from error
     recorder = recording.recorder
@@ -207,14 +212,19 @@ class _OpenRecording:
     link: str = ""
     recorder: Recorder | None = None
 
-    async def record(self, client: LiftManagerClient, link: str) -> None:
-        """Record a link until the time is over, or this is cancelled. Raises OSError where a file cannot be written."""
+    async def record(self, client: LiftManagerClient, link: str, own: _OwnFrames | None = None) -> None:
+        """Record a link until the time is over, or this is cancelled, with `own` from its first frame on.
+
+        Raises OSError where a file cannot be written.
+        """
         self.link = await _chosen(client, link)
-        header = Header(self.link, datetime.now(UTC), f"lift-manager {running_version()}")
+        began, began_at_s = (datetime.now(UTC), None) if own is None else own.beginning_of(self.link)
+        header = Header(self.link, began, f"lift-manager {running_version()}")
+        frames = client.frames(self.link) if own is None else aclosing(own.of(self.link))
         with self._files(header) as sink:
-            self.recorder = Recorder(header, sink)
+            self.recorder = Recorder(header, sink, began_at_s=began_at_s)
             with self._progress(self.recorder), suppress(TimeoutError):
-                async with asyncio.timeout(self.for_s), client.frames(self.link) as stream:
+                async with asyncio.timeout(self.for_s), frames as stream:
                     await self.recorder.record(stream)
 
     @contextmanager
@@ -248,6 +258,33 @@ class _OpenRecording:
             notes.append("no frames: the link is down")
         found = f"{counted(counts.frames, 'frame')}, {counted(counts.writes, 'write')}"
         return Text(f"{self.link}: {found}; {'; '.join(notes)}; Ctrl-C ends it", overflow="ellipsis", no_wrap=True)
+
+
+class _OwnFrames:
+    """The frames of a manager in this process: unlike a stream, from before anybody can ask for them."""
+
+    def __init__(self) -> None:
+        self._waiting: asyncio.Queue[WireFrame] = asyncio.Queue()
+        self._first_at: dict[str, float] = {}
+
+    def put(self, frame: WireFrame) -> None:
+        """Take the next frame of any link."""
+        self._first_at.setdefault(frame.link, frame.at)
+        self._waiting.put_nowait(frame)
+
+    def beginning_of(self, link: str) -> tuple[datetime, float]:
+        """Return when the first frame of a link came, or now, by the clock on the wall and by that of the loop."""
+        now_s = asyncio.get_running_loop().time()
+        first_s = self._first_at.get(link, now_s)
+        return datetime.now(UTC) - timedelta(seconds=now_s - first_s), first_s
+
+    async def of(self, link: str) -> AsyncGenerator[StreamEvent]:
+        """Yield the frames of a link as a stream does, for ever."""
+        yield Connected()
+        while True:
+            frame = await self._waiting.get()
+            if frame.link == link:
+                yield encode_frame(frame)
 
 
 async def _chosen(client: LiftManagerClient, link: str) -> str:

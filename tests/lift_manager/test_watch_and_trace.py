@@ -228,6 +228,9 @@ def test_it_records_without_a_manager_for_a_given_time(lift_simulator: LiftSimul
     assert done.stderr == ""
     assert {path.name for path in tmp_path.glob("a.*")} == {"a.jsonl", "a.pcapng"}
     assert lift_simulator.writes == ()
+    first, second = map(json.loads, (tmp_path / "a.jsonl").read_text("utf-8").splitlines()[1:3])
+    assert (first["direction"], first["at_s"], second["direction"]) == ("request", 0.0, "answer")
+    assert first["hex"].startswith("00 01 "), "the first request of a connection"
     again = call("trace", "record", "--site", site, "-o", tmp_path / "a", "--for", "1s")
     assert again.returncode == 1
     assert again.stderr.startswith(f"{tmp_path / 'a.jsonl'}: there already; ")

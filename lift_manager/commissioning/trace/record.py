@@ -43,8 +43,15 @@ class Recorder:
     changes nothing.
     """
 
-    def __init__(self, header: Header, sink: Sink, *, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
-        """`now` is the clock of the header."""
+    def __init__(
+        self,
+        header: Header,
+        sink: Sink,
+        *,
+        began_at_s: float | None = None,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        """`now` is the clock of the header; `began_at_s` is its beginning on the manager's clock, where that is known."""
         self.counts = Counts()
         self.is_connected = False
         """Whether the manager sends frames at the moment."""
@@ -52,7 +59,7 @@ class Recorder:
         self._sink = sink
         self._now = now
         self._pairing = Pairing()
-        self._moment: tuple[float, float] | None = None
+        self._moment: tuple[float, float] | None = None if began_at_s is None else (began_at_s, 0.0)
         """A time of the manager, and the same in this recording."""
         self._last_s = 0.0
 

@@ -82,6 +82,14 @@ def test_times_are_those_of_the_managers_clock_however_late_an_event_arrives() -
     assert [round(item.at_s, 6) for item in items] == [3.0, 3.004, 3.2, 3.204, 3.4, 3.404]
 
 
+def test_where_the_beginning_is_known_what_was_sent_before_anybody_listened_keeps_its_time() -> None:
+    items: list[Item] = []
+    recorder = Recorder(HEADER, items.append, began_at_s=1000.0, now=lambda: BEGAN + timedelta(seconds=3.0))
+    for one in map(event, TWO_POLLS_AND_A_CALL):
+        recorder.take(one)
+    assert [round(item.at_s, 6) for item in items] == [0.0, 0.004, 0.2, 0.204, 0.4, 0.404]
+
+
 def test_an_answer_says_where_its_values_are_from() -> None:
     _, items = recorded(map(event, TWO_POLLS_AND_A_CALL))
     texts = [item.text for item in items if isinstance(item, TracedFrame)]
