@@ -149,7 +149,7 @@ def _action(_: RegisterMap, name: str, command: Command) -> Messages:
     if command.action != "hold" and not command.is_heartbeat:
         for key in _OF_A_HOLD:
             if getattr(command, key) is not None:
-                yield (key,), "belongs to `action: hold`; a pulse ends by itself after `width_s`"
+                yield (key,), "belongs to `action: hold`; a pulse ends after `width_s`, or when the manager is back"
     if command.action == "hold" and command.width_s is not None and command.repeat_pulse_s is None:
         yield ("width_s",), "belongs to `action: pulse`; a hold is bounded by `max_hold_s`"
     if command.timed_by == "device" and command.action == "hold":

@@ -112,6 +112,7 @@ def _is_fed(source: RegisterMap, command: Command, cyclic: AbstractSet[Cell]) ->
 def _unfed_message(source: RegisterMap) -> str:
     elsewhere = "the heartbeat goes to another device; " if "heartbeat" in source.commands else ""
     return (
-        f"a device that releases its outputs when nobody writes does so also during our holds: {elsewhere}use `refresh_s`, shorter than its "
-        f"watchdog, or declare {'the' if elsewhere else 'a'} heartbeat at this device, or a write block with `every_s`"
+        f"a device that releases its outputs when nobody writes does so also during our holds: {elsewhere}declare "
+        f"{'the' if elsewhere else 'a'} heartbeat at this device if its table names a register that the client has to change; else use "
+        "`refresh_s`, shorter than its watchdog, or a write block with `every_s`"
     )

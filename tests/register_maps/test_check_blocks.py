@@ -120,9 +120,7 @@ def test_a_device_that_lets_go_by_itself_must_hear_from_us(tmp_path: Path) -> No
     silent, _ = changed(HANDSHAKE, '  heartbeat: {at: "holding:21", action: count, every_s: 0.5}\n', "")
     assert loaded(tmp_path, silent).warnings == ()  # the block is written again and again
     once = silent.replace(", every_s: 0.5, gaps: 0}", ", gaps: 0}")
-    expect_only(
-        tmp_path, once, "commands.go.on_link_loss", "use `refresh_s`, shorter than its watchdog, or declare a heartbeat"
-    )
+    expect_only(tmp_path, once, "commands.go.on_link_loss", "declare a heartbeat at this device")
     assert loaded(tmp_path, once.replace(LATCHING, LATCHING + "    refresh_s: 2\n")).warnings == ()
 
 

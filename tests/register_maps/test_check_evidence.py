@@ -22,7 +22,7 @@ MISTAKES: list[Mistake] = [
     ("a need without a reason", OCCUPANCY, OCCUPANCY + 'needs: {level: " "}\n', "needs.level", "give the reason why a site has to add it"),
     ("a hold that the device ends while we hold on", TIMED, "    on_link_loss: timed_by_device\n", "commands.hold_door.rear.on_link_loss", "even while we still hold: use `refresh_s`, shorter than max_hold_s, 5 s"),
     ("a hold that the device ends before it is written again", TIMED, TIMED.replace("1", "5"), "commands.hold_door.rear.refresh_s", "5 s is not before max_hold_s, 5 s; refresh sooner"),
-    ("a watchdog that hears no heartbeat", TIMED, "    on_link_loss: device_watchdog\n", "commands.hold_door.rear.on_link_loss", "the heartbeat goes to another device; use `refresh_s`, shorter than its watchdog, or declare the heartbeat at this device"),
+    ("a watchdog that hears no heartbeat", TIMED, "    on_link_loss: device_watchdog\n", "commands.hold_door.rear.on_link_loss", "the heartbeat goes to another device; declare the heartbeat at this device if its table names a register"),
 ]  # fmt: skip
 
 
