@@ -27,7 +27,7 @@ from lift_manager.api.keys import Keys
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
-from lift_manager.config.site import Api, Controller
+from lift_manager.config.site import Controller
 from lift_manager.config.tls import path_of, tls_cautions
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.hours import RobotHours
@@ -223,7 +223,7 @@ async def run(
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_READING_S):
                     await life.first_look()
-            serving = tasks.create_task(guarded(_serve(parts, loaded.site.api, faces.keys, sock, tls)))
+            serving = tasks.create_task(guarded(_serve(parts, loaded, faces.keys, sock, tls)))
             patience_s_of = poll_patience_s(loaded, parts.links) if systemd.is_enabled else {}
             watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts)))
             running.append(tasks.create_task(watching))
@@ -360,10 +360,17 @@ def _status_text(parts: ManagerParts) -> str:
 
 
 async def _serve(
-    parts: ManagerParts, api: Api, keys: Keys | None, sock: socket, tls: ServerCertificates | None
+    parts: ManagerParts, loaded: LoadedSite, keys: Keys | None, sock: socket, tls: ServerCertificates | None
 ) -> None:
-    names = (api.host, *api.host_names)
-    web = make_app(parts.site, keys, frames=parts.sources, metrics=parts.metrics.scrape, host_names=names)
+    api = loaded.site.api
+    web = make_app(
+        parts.site,
+        keys,
+        frames=parts.sources,
+        metrics=parts.metrics.scrape,
+        host_names=(api.host, *api.host_names),
+        simulated=loaded.simulated,
+    )
     await serve(web, sock, tls=tls, limits=ConnectionLimits.of(connections_limit(), api.trusted_proxies))
 
 

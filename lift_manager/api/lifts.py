@@ -206,9 +206,13 @@ class LiftCapabilities(Answer):
         description="The record of the acceptance test (`lift-manager checkout`) that lets robots use this lift; null without one that"
         " fits its map.",
     )
+    simulated: bool = Field(
+        default=False,
+        description="Whether the site file declares one of its controllers to be a simulator. Whoever shows the lift to people shows that.",
+    )
 
     @classmethod
-    def of(cls, lift: LiftConfig) -> LiftCapabilities:
+    def of(cls, lift: LiftConfig, *, simulated: bool = False) -> LiftCapabilities:
         """Return the capabilities of a lift."""
         capabilities = lift.capabilities
         return cls(
@@ -237,6 +241,7 @@ class LiftCapabilities(Answer):
             map=capabilities.map_name,
             trust=capabilities.trust,
             checkout=None if lift.checkout is None else CheckoutRecord.model_validate(lift.checkout),
+            simulated=simulated,
         )
 
 

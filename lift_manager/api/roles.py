@@ -81,6 +81,9 @@ _RIDE = f"{_RIDES}/{{ride}}"
 
 ROUTES: tuple[Route, ...] = (
     Route(_GET, "/", AccessLevel.NOTHING),
+    Route(_GET, "/wall", AccessLevel.NOTHING),
+    Route(_GET, "/lobby/{lift}", AccessLevel.NOTHING),
+    Route(_FILE, "/page/{path:path}", AccessLevel.NOTHING),
     Route(_GET, "/docs", AccessLevel.NOTHING),
     Route(_FILE, "/docs/{path:path}", AccessLevel.NOTHING),
     Route(_GET, "/redoc", AccessLevel.NOTHING),

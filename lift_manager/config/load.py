@@ -76,6 +76,16 @@ class LoadedSite:
         return {name: controller for name, controller in self.site.controllers.items() if name in used}
 
     @cached_property
+    def simulated(self) -> frozenset[str]:
+        """The lifts of which a controller, or that of an endpoint, is a simulator."""
+        controllers = self.site.controllers
+        return frozenset(
+            name
+            for name in self.site.lifts
+            if any(controllers[device.controller].simulated for device in self._devices(name))
+        )
+
+    @cached_property
     def links(self) -> dict[str, LinkDefaults]:
         """The limits of the link to each controller, including settings of the site."""
         maps = {name: loaded.map for name, loaded in self.maps.items()}

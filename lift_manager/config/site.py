@@ -262,6 +262,8 @@ class Controller(_Part):
     tid_echo: bool | None = None
     writable_ranges: tuple[SomeRange, ...] = ()
     """What `lift-manager poke --unlock` may write besides the commands of the map; nothing by default."""
+    simulated: Annotated[bool, Field(strict=True)] = False
+    """It is a simulator: people who look at its lifts are told. Nothing else depends on it."""
 
     @property
     def port(self) -> int:

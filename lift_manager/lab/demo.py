@@ -68,7 +68,8 @@ def _site(ports: Mapping[str, int]) -> Site:
             "schema": 1,
             "name": "demo",
             "controllers": {
-                lift.name: {"host": "127.0.0.1", "port": ports[lift.name], "map": lift.map} for lift in LIFTS
+                lift.name: {"host": "127.0.0.1", "port": ports[lift.name], "map": lift.map, "simulated": True}
+                for lift in LIFTS
             },
             "lifts": {
                 lift.name: {
@@ -101,7 +102,7 @@ def _guide(console: Console, sock: socket, ports: Mapping[str, int]) -> None:
     post = f"curl -X POST '{base}/lift_request?lift_name=lift' -H 'Content-Type: application/json' -d"
     lines = [
         "",
-        f"[bold]Three lifts are running.[/bold] API and documentation: http://{host}:{port}/docs",
+        f"[bold]Three lifts are running.[/bold] See them: http://{host}:{port}/ (API: http://{host}:{port}/docs)",
         "",
         "Send the car to L2 and hold its door:",
         f'  {post} \'{{"floor": "L2", "door_state": 2}}\'',

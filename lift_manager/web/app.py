@@ -9,7 +9,7 @@ from http import HTTPStatus
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import RedirectResponse, Response
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lift_manager.api.keys import KeyRing, Keys, redacted
@@ -28,6 +28,7 @@ from lift_manager.web.events import routes as events
 from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access
+from lift_manager.web.page import add_page
 from lift_manager.web.replies import error_reply, is_workshop, not_found, request_error, workshop_failure
 from lift_manager.web.workshop import workshop_router
 
@@ -42,7 +43,7 @@ INTERNAL_ERROR = "internal error; the manager's log has the details"
 logger = logging.getLogger(__name__)
 
 
-def make_app(
+def make_app(  # noqa: PLR0913  the parts of the application, by name
     site: Site,
     keys: Keys | None = None,
     routes: Sequence[Route] = ROUTES,
@@ -51,12 +52,13 @@ def make_app(
     metrics: health.Scrape | None = None,
     streams: int | None = None,
     host_names: Collection[str] = (),
+    simulated: Collection[str] = (),
 ) -> FastAPI:
     """Return the application that serves a site.
 
     `streams` limits the open event streams; the default is a share of the connections that this computer can open. Without `keys`,
-    everybody is admitted who addresses the manager by an address, localhost or one of `host_names`. Only `routes` can be reached,
-    whatever else is added to the application.
+    everybody is admitted who addresses the manager by an address, localhost or one of `host_names`. `simulated` are the
+    lifts behind simulated controllers. Only `routes` can be reached, whatever else is added to the application.
     """
     app = FastAPI(
         title="Lift manager",
@@ -77,16 +79,16 @@ def make_app(
     app.add_exception_handler(RequestError, _refuse)
     app.add_exception_handler(RequestRefused, _refuse)
     keys = keys or KeyRing()
-    app.state.site, app.state.keys = site, keys
+    app.state.site, app.state.keys, app.state.simulated = site, keys, frozenset(simulated)
     app.state.streams = events.Streams(site, frames, streams or streams_limit())
     app.state.max_age_s = {name: site.config(name).capabilities.max_age_s for name in site.lift_names()}
     workshop = workshop_router(site)
     app.add_middleware(DirectRoutes, routes=workshop.routes, refuse=_refuse)
     app.add_middleware(Authenticator, routes=routes, keys=keys, note=site.turned_away, host_names=host_names)
     app.add_middleware(LastResort)
-    app.add_api_route("/", _to_docs, include_in_schema=False)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
     add_docs(app)
+    add_page(app)
     app.include_router(workshop)
     app.include_router(lifts.router)
     app.include_router(sessions.router)
@@ -98,11 +100,6 @@ def make_app(
     app.include_router(health.metrics_router(metrics))
     describe_access(app, routes, keys, site.lift_names())
     return app
-
-
-async def _to_docs() -> Response:
-    # relative, so that it also works behind a proxy that adds a prefix
-    return RedirectResponse("docs")
 
 
 async def _errors() -> Response:

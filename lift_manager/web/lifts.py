@@ -118,7 +118,7 @@ async def capabilities(lift: LiftName, request: Request) -> Response:
     It does not change while the manager runs.
     """
     site = _site_with_lift(request, lift)
-    whole = LiftCapabilities.of(site.config(lift))
+    whole = LiftCapabilities.of(site.config(lift), simulated=lift in request.app.state.simulated)
     return tagged(request, whole, whole, site.state(lift).age_s)
 
 

@@ -38,9 +38,9 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (copy / "drivers" / "__pycache__" / "old.cpython-311.pyc").touch()
     (copy / "drivers" / "old.pyc").touch()
     (copy / "benchmarks" / "__init__.py").touch()
-    static = copy / "lift_manager" / "web" / "static" / "deep" / "deeper"
-    static.mkdir(parents=True)
-    (static / "page.html").touch()
+    deep = copy / "lift_manager" / "page" / "deep" / "deeper"
+    deep.mkdir(parents=True)
+    (deep / "page.html").touch()
     (copy / "lift_manager" / "lab").mkdir(exist_ok=True)
     (copy / "lift_manager" / "lab" / "__init__.py").touch()
     (copy / "lift_manager" / "lab" / "a-site.yaml").touch()
@@ -142,7 +142,9 @@ def test_the_data_that_the_program_reads_at_run_time_is_shipped(wheel: zipfile.Z
     wanted = {
         *maps,
         *(f"{package}/py.typed" for package in PACKAGES),
-        "lift_manager/web/static/deep/deeper/page.html",
+        "lift_manager/page/deep/deeper/page.html",
+        "lift_manager/page/vendor/htm-preact.js",
+        "lift_manager/page/vendor/SHA256SUMS",
         "lift_manager/lab/a-site.yaml",
     }
     assert wanted - shipped(wheel) == set()

@@ -78,8 +78,11 @@ def cells(columns: tuple[str, ...]) -> Iterator[tuple[str, str, str, bool]]:
             yield from ((method, path, column, word == "yes") for column, word in zip(columns, said, strict=True))
 
 
+ASSETS = {"/docs": "swagger-ui.css", "/redoc": "logo-mini.svg", "/page": "main.js"}
+
+
 def url_of(path: str, lift: str) -> str:
-    asset = "swagger-ui.css" if path.startswith("/docs") else "logo-mini.svg"
+    asset = ASSETS.get(path.partition("/{path")[0], "")
     named = path.replace("{lift}", lift).replace("{path:path}", asset)
     named = (
         named.replace("{session}", "s1").replace("{command}", "1").replace("{ride}", "r1").replace("{link:path}", "plc")

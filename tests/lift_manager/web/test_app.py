@@ -73,11 +73,10 @@ def test_any_other_unknown_path_is_404_in_json(path: str) -> None:
     assert answer.content == b'{"detail":"Not Found"}'
 
 
-def test_the_root_leads_to_the_docs() -> None:
+def test_the_root_is_the_page() -> None:
     answer = ask(FakeSite(), "GET", "/")
-    assert answer.status_code == 307
-    assert answer.headers["location"] == "docs"
-    assert ask(FakeSite(), "GET", "/", follow_redirects=True).url.path == "/docs"
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
 
 
 def test_a_bug_is_logged_once_with_its_traceback_and_answered_without(caplog: pytest.LogCaptureFixture) -> None:

@@ -1,0 +1,32 @@
+/** The lobby view: for people who wait for one lift. No controls, and never an instruction to passengers. */
+
+import { message } from "./src/message.js";
+import { Login } from "./src/login.js";
+import { start } from "./src/start.js";
+import { Component, html, render } from "./vendor/htm-preact.js";
+
+class Lobby extends Component {
+  componentDidMount() {
+    this.props.store.subscribe(() => this.forceUpdate());
+  }
+
+  render({ store, api, texts, logIn, name }) {
+    const { t } = texts;
+    const record = store.record(name);
+    if (store.connection === "login") return html`<main><${Login} api=${api} texts=${texts} logIn=${logIn} /></main>`;
+    if (record === undefined) return html`<main class="unknown"><p class="message">${store.order.length ? t("lobby.no_such_lift") : t("lobby.unknown")}</p></main>`;
+    const { shown: lift, capabilities } = record;
+    const { key, tone, values } = message(lift, store.ridesOf(name));
+    return html`<main class=${`tone-${tone} ${key === "unknown" ? "unknown" : ""}`} data-message=${key}>
+      <h1>${capabilities?.display_name || lift.name}</h1>
+      <p class="floor" aria-label=${t("place.at", { floor: lift.floor ?? "?" })}>${lift.floor ?? "–"}</p>
+      <p class="message" role="status">${t(`lobby.${key}`, values)}</p>
+      ${capabilities?.simulated && html`<p class="simulated">${t("simulated")}</p>`}
+    </main>`;
+  }
+}
+
+const { api, store, texts, logIn } = await start();
+const name = decodeURIComponent(location.pathname.replace(/\/$/, "").split("/").pop());
+document.title = `${texts.t("title")}: ${name}`;
+render(html`<${Lobby} store=${store} api=${api} texts=${texts} logIn=${logIn} name=${name} />`, document.body);

@@ -1,0 +1,57 @@
+/** One lift on the page. It is drawn again only when something visible of it has changed. */
+
+import { Component, html } from "../vendor/htm-preact.js";
+import { Age, HeldFor } from "./clock.js";
+import { doorText, holder, place, troubles, worst } from "./facts.js";
+import { Shaft } from "./shaft.js";
+
+const SIGNS = { warn: "⚠", alarm: "⛔" };
+
+export class Card extends Component {
+  shouldComponentUpdate(next) {
+    return next.shown !== this.props.shown || next.capabilities !== this.props.capabilities || next.texts !== this.props.texts;
+  }
+
+  render({ record, texts, onOpen }) {
+    const { t, word } = texts;
+    const { shown: lift, capabilities } = record;
+    const found = troubles(lift, texts);
+    const known = lift.quality === "live";
+    const title = capabilities?.display_name || lift.name;
+    return html`<article class=${`card tone-${worst(found)} ${known ? "" : "unknown"}`} data-lift=${lift.name}>
+      <header>
+        <h2>${onOpen ? html`<button class="open" onClick=${() => onOpen(lift.name)}>${title}<span class="hidden"> – ${t("card.open")}</span></button>` : title}</h2>
+        <span class=${`mode mode-${lift.mode}`}>${word("mode", lift.mode)}</span>
+      </header>
+      <${Shaft} record=${record} texts=${texts} />
+      <div class="facts">
+        <p class="place">${known && lift.floor !== null ? lift.floor : "–"}</p>
+        <p>${place(lift, record.lastFloor, texts)}</p>
+        <p>${t("facts.doors")}: ${doorText(lift, texts)}</p>
+        <p>${known ? word("motion", lift.motion) : ""}${goalText(lift, texts)}</p>
+        <p>${holder(lift, texts)} <${HeldFor} record=${record} texts=${texts} /></p>
+        ${lift.waiting > 0 && html`<p>${t("facts.waiting", { n: lift.waiting })}</p>`}
+        <p class="quiet"><${Age} record=${record} texts=${texts} /></p>
+      </div>
+      <${Troubles} found=${found} />
+      ${capabilities?.simulated && html`<${Simulated} texts=${texts} />`}
+    </article>`;
+  }
+}
+
+function goalText(lift, { t }) {
+  const goes = lift.quality === "live" && lift.session && lift.destination !== null && lift.destination !== lift.floor;
+  return goes ? ` → ${t("facts.goal", { floor: lift.destination })}` : "";
+}
+
+/** What is wrong, each with a sign and a word, so that colour alone says nothing. */
+export function Troubles({ found }) {
+  if (!found.length) return null;
+  return html`<ul class="troubles">${found.map(({ tone, text, detail }) => html`<li class=${`trouble ${tone}`} key=${text}>
+      <span class="sign" aria-hidden="true">${SIGNS[tone]}</span><span><strong>${text}</strong>${detail && html` <span lang="en">${detail}</span>`}</span></li>`)}</ul>`;
+}
+
+/** Over everything of a lift whose controller is a simulator. */
+export function Simulated({ texts }) {
+  return html`<p class="simulated">${texts.t("simulated")}</p>`;
+}

@@ -1,0 +1,84 @@
+/** What is said of a lift in words: by picture, table and screen reader alike. Pure. */
+
+const TONES = ["plain", "warn", "alarm"];
+const ALARM_MODES = new Set(["fire", "emergency"]);
+const QUIET_MODES = new Set(["normal", "robot"]);
+
+/** "4 s", "12 min", "3 h": a duration for people. */
+export function duration(seconds, t) {
+  if (seconds < 10) return t("time.s", { n: seconds.toFixed(1) });
+  if (seconds < 120) return t("time.s", { n: Math.floor(seconds) });
+  if (seconds < 7200) return t("time.min", { n: Math.floor(seconds / 60) });
+  return t("time.h", { n: Math.floor(seconds / 3600) });
+}
+
+/** What is wrong with a lift: `{tone, text}` each, the worst first. Texts of the manager are English, and marked as such by `detail`. */
+export function troubles(lift, { t, word }) {
+  const { restrictions } = lift;
+  const found = [];
+  const add = (tone, text, detail = "") => found.push({ tone, text, detail });
+  if (ALARM_MODES.has(lift.mode)) add("alarm", t(`trouble.${lift.mode}`));
+  if (restrictions.fire_latched) add("alarm", t("trouble.fire_latched"));
+  if (lift.lost) add("warn", t("trouble.lost"));
+  else if (lift.quality !== "live") add("warn", t("trouble.offline"), lift.reason);
+  else if (!ALARM_MODES.has(lift.mode) && !QUIET_MODES.has(lift.mode)) add("warn", t("trouble.mode", { mode: word("mode", lift.mode) }));
+  for (const [side, door] of Object.entries(lift.doors)) {
+    if (door === "fault") add("warn", t("trouble.door", { side: word("side", side) }));
+  }
+  if (restrictions.lockout) add("warn", t("trouble.lockout"), restrictions.lockout);
+  if (restrictions.drain) add("warn", t("trouble.drain"), restrictions.drain);
+  if (restrictions.maybe_occupied_by) add("warn", t("trouble.occupied", { who: holderName(restrictions.maybe_occupied_by) }));
+  if (restrictions.distrusted) add("warn", t("trouble.distrusted"), restrictions.distrusted);
+  return found;
+}
+
+/** The worst tone of some troubles. */
+export function worst(found) {
+  return TONES[Math.max(0, ...found.map(({ tone }) => TONES.indexOf(tone)))];
+}
+
+/** Where the car is. */
+export function place(lift, lastFloor, { t }) {
+  if (lift.quality !== "live") return t("place.unknown");
+  if (lift.floor !== null) return t(lift.standing ? "place.at" : "place.passing", { floor: lift.floor });
+  return lastFloor === null ? t("place.unknown") : t("place.left", { floor: lastFloor });
+}
+
+/** What each door does: `[side, word]`, the side empty for a lift with one door. */
+export function doors(lift, { t, word }) {
+  const found = Object.entries(lift.doors);
+  if (!found.length) return [["", t("door.unknown")]];
+  return found.map(([side, door]) => [found.length > 1 ? word("side", side) : "", word("door", door)]);
+}
+
+export function doorText(lift, texts) {
+  return doors(lift, texts)
+    .map(([side, door]) => (side ? `${side}: ${door}` : door))
+    .join(", ");
+}
+
+/** The name in `face:name`, with the face only where it says something to people. */
+export function holderName(holder) {
+  const [face, ...name] = holder.split(":");
+  return name.join(":") || face;
+}
+
+/** Who holds the lift. */
+export function holder(lift, { t }) {
+  if (lift.lost) return t("holder.unknown");
+  if (!lift.session) return t("holder.nobody");
+  return t(lift.session.ending ? "holder.ending" : "holder.held", { who: lift.session.name });
+}
+
+/** All of it in one text, for whoever cannot see the picture. */
+export function sentence(lift, lastFloor, texts) {
+  const parts = [
+    texts.word("mode", lift.mode),
+    place(lift, lastFloor, texts),
+    doorText(lift, texts),
+    lift.motion === "unknown" ? "" : texts.word("motion", lift.motion),
+    holder(lift, texts),
+    ...troubles(lift, texts).map(({ text }) => text),
+  ];
+  return `${lift.name}: ${parts.filter(Boolean).join("; ")}`;
+}

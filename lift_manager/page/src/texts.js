@@ -1,0 +1,41 @@
+/** The words of the page, from one file per language in `texts/`. */
+
+const FOLDER = new URL("../texts/", import.meta.url);
+const KEPT = "lift-manager-language";
+
+/** Returns `{language, names, t, word}` for the language in the address, the one chosen before, or the browser's. */
+export async function loadTexts() {
+  const names = await load("languages");
+  const language = wanted().find((code) => code in names) ?? "en";
+  const texts = await load(language);
+  document.documentElement.lang = language;
+  return { language, names, t: (key, values) => filled(texts[key] ?? key, values), word: wordOf(texts) };
+}
+
+export function chooseLanguage(code) {
+  localStorage.setItem(KEPT, code);
+  const address = new URL(location.href);
+  address.searchParams.delete("lang");
+  location.replace(address);
+}
+
+/** The word for a value of the API; a value that a newer manager has and this file has not stays as it is. */
+function wordOf(texts) {
+  return (kind, value) => texts[`${kind}.${value}`] ?? String(value);
+}
+
+function wanted() {
+  const inAddress = new URLSearchParams(location.search).get("lang");
+  const chosen = [inAddress, localStorage.getItem(KEPT), ...navigator.languages];
+  return chosen.filter(Boolean).map((code) => code.slice(0, 2).toLowerCase());
+}
+
+async function load(name) {
+  const response = await fetch(new URL(`${name}.json`, FOLDER));
+  if (!response.ok) throw new Error(`${name}.json: ${response.status}`);
+  return response.json();
+}
+
+function filled(text, values = {}) {
+  return text.replace(/\{(\w+)\}/g, (whole, name) => (name in values ? String(values[name]) : whole));
+}

@@ -1,0 +1,10 @@
+/** The wall view: every lift, for people who pass by. It has no controls, and loads none. */
+
+import { App } from "./src/app.js";
+import { start } from "./src/start.js";
+import { Login } from "./src/login.js";
+import { html, render } from "./vendor/htm-preact.js";
+
+const { api, store, texts, logIn } = await start();
+document.title = texts.t("title");
+render(html`<${App} store=${store} api=${api} texts=${texts} logIn=${logIn} Login=${Login} wall />`, document.body);
