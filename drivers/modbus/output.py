@@ -333,8 +333,9 @@ class Output:
         if self.spec.self_clearing:
             self.refresh_at = min(now, self.refresh_at)
             return True
-        # what the controller has cleared to see it written again is obeyed still
-        self.verified = matches(self.codec, cells, self.code) or self.was_cleared_by_device(now)
+        # what the controller has cleared to see it written again is obeyed still; where nobody knows when it was set it may have lost power
+        was_cleared = self.set_at is not None and self.was_cleared_by_device(now)
+        self.verified = matches(self.codec, cells, self.code) or was_cleared
         if not self.is_found_off:
             self.used_begin = self.begin
         self.is_found_off = not self.verified

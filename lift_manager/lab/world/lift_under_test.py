@@ -140,7 +140,7 @@ class LiftUnderTest:
     """Commands that the map itself repeats."""
     fleeting: frozenset[str] = frozenset()
     """Commands that the device ends by itself."""
-    heartbeats: frozenset[PolledBlock] = frozenset()
-    """Where our heartbeat is written, each cell as a block of one: such a write ends no hold."""
+    refreshes: Mapping[PolledBlock, int | None] = field(default_factory=dict)
+    """What a refresh of robot mode or of the heartbeat writes, by its cell as a block of one; None for any value. It ends no hold."""
     clear_s: float = 0.0
     """How long before our release an invitation must be withdrawn; 0 for no minimum."""

@@ -48,19 +48,22 @@ def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
         handshake=not commands.keys().isdisjoint(HANDSHAKE),
         repeated=frozenset(n for n, one in commands.items() if one.repeat_pulse_s is not None),
         fleeting=frozenset(n for n, one in commands.items() if one.ends_itself),
-        heartbeats=_heartbeats(loaded, name, codec),
+        refreshes=_refreshes(loaded, name, codec),
         clear_s=spec.clear_s,
     )
 
 
-def _heartbeats(loaded: LoadedSite, name: str, codec: Codec) -> frozenset[PolledBlock]:
+def _refreshes(loaded: LoadedSite, name: str, codec: Codec) -> dict[PolledBlock, int | None]:
+    """Return the cells of robot mode and heartbeat, and what is written there while they are on."""
     placed = devices(loaded.site, loaded.site.lifts[name], codec.map)
-    return frozenset(
-        (placed[point.endpoint].controller, placed[point.endpoint].unit_id, point.table, point.address, 1)
-        for command in codec.commands.values()
-        if command.spec.is_heartbeat
+    return {
+        (placed[point.endpoint].controller, placed[point.endpoint].unit_id, point.table, point.address, 1): (
+            None if command.spec.is_heartbeat else command.spec.on
+        )
+        for which, command in codec.commands.items()
+        if (which == "robot_mode" or command.spec.is_heartbeat) and not codec.commands[which].is_shared
         for point in command.points
-    )
+    }
 
 
 def _blocks(loaded: LoadedSite, name: str, codec: Codec) -> frozenset[PolledBlock]:

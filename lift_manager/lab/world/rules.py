@@ -225,11 +225,11 @@ class Rules:
         request = parse_request(exchange.request, timed_coils=True)
         written = (controller, request.unit, request.table, request.address, request.count)
         for lift in fallen if request.is_write else ():
-            if (
-                written not in self._notes[lift].about.heartbeats
-            ):  # else it fell by itself, and was seen to at this write
-                self._notes[lift].fell_by_us = True
-                self._check_release(at, lift, self._notes[lift])
+            refreshes = self._notes[lift].about.refreshes
+            if written in refreshes and refreshes[written] in (None, *request.values):
+                continue  # it fell by itself, and was seen to at this write
+            self._notes[lift].fell_by_us = True
+            self._check_release(at, lift, self._notes[lift])
 
     def on_event(self, at: float, event: Event) -> None:
         """Record sessions and operator actions."""

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.lift_under_test import DoorEvidence, Excuse, MapEvidence, SuspectValues
+from lift_manager.lab.world.lift_under_test import DoorEvidence, Excuse, MapEvidence, PolledBlock, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.oracle_setup import oracle_of
 from lift_manager.lab.world.requested_outputs import is_output_requested
@@ -20,7 +20,6 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
 from register_maps import frames
-from register_maps.frames import parse_request
 from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator import faults as device
 from simulator import wire_faults as wire
@@ -34,6 +33,8 @@ from tests.support.rows import each_row
 WORKSHOP = Holder("workshop", "workshop")
 OTHER = Holder("fleet", "r2")
 FRONT = frozenset({"hold_door.front"})
+CELL = ("plc", 1, Table.COIL, 2, 1)
+"""Where `failed_write` writes 0."""
 
 
 def judged(name: str, check: Callable[[World], Awaitable[None]]) -> list[str]:
@@ -452,19 +453,21 @@ def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
     assert found(oracle) == rules_broken
 
 
-@pytest.mark.parametrize("is_heartbeat", [True, False])
-def test_a_hold_that_is_seen_to_have_fallen_when_our_heartbeat_is_written_fell_by_itself(*, is_heartbeat: bool) -> None:
-    write = replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),))
-    request = parse_request(write.request)
-    cell = ("plc", request.unit, request.table, request.address, request.count)
-    oracle = judge(holds=FRONT, clear_s=10.0, heartbeats=frozenset({cell} if is_heartbeat else ()))
+@each_row(
+    ("refreshes", "is_ours"),
+    [({}, True), ({CELL: 0}, False), ({CELL: None}, False), ({CELL: 1}, True)],
+)
+def test_a_hold_that_is_seen_to_have_fallen_when_something_else_is_refreshed_fell_by_itself(
+    refreshes: dict[PolledBlock, int | None], is_ours: bool
+) -> None:
+    oracle = judge(holds=FRONT, clear_s=10.0, refreshes=refreshes)
     rules = Rules(oracle)
     oracle.on_request(0.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
     rules.on_truth(1.0, "lift", HELD)
     rules.on_state(4.0, "lift", state(age_s=0.0))
     rules.on_truth(5.0, "lift", STANDS_OPEN)
-    rules.on_exchange(5.0, "plc", write)
-    assert found(oracle) == ([] if is_heartbeat else ["the door fell while a robot was invited"])
+    rules.on_exchange(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
+    assert found(oracle) == (["the door fell while a robot was invited"] if is_ours else [])
 
 
 def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -> None:
