@@ -82,7 +82,7 @@ _RIDE = f"{_RIDES}/{{ride}}"
 ROUTES: tuple[Route, ...] = (
     Route(_GET, "/", AccessLevel.NOTHING),
     Route(_GET, "/wall", AccessLevel.NOTHING),
-    Route(_GET, "/lobby/{lift}", AccessLevel.NOTHING),
+    Route(_GET, "/lobby/{lift}", AccessLevel.NOTHING, LiftIn.PATH),
     Route(_FILE, "/page/{path:path}", AccessLevel.NOTHING),
     Route(_GET, "/docs", AccessLevel.NOTHING),
     Route(_FILE, "/docs/{path:path}", AccessLevel.NOTHING),
