@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from lift_manager.api.roles import Role
 from lift_manager.lift.state import Quality
 from lift_manager.web.app import make_app
 from lift_manager.web.page import FOLDER
 from register_maps.words import Mode
 from tests.lift_manager.web.fake import FakeSite, ask, ask_app, serving
+from tests.lift_manager.web.keyed import key, ring
 from tests.lift_manager.web.listening import Happening
 from tests.support.devtools import chromium
 from tests.support.rows import each_row
@@ -147,5 +149,25 @@ def test_an_operator_locks_a_lift_out_only_after_saying_where_they_stood(tmp_pat
             await tab.sees("Locked out.")
             assert len(site.decisions) == 1
             assert "M. Weber" in site.decisions[0]
+
+    asyncio.run(use())
+
+
+@pytest.mark.external("chromium")
+def test_a_site_with_keys_is_shown_to_whoever_types_one_and_to_nobody_after_a_reload(tmp_path: Path) -> None:
+    async def use() -> None:
+        app = make_app(FakeSite(), ring(Role.VIEWER, open_without_keys=False))
+        async with chromium(tmp_path) as tab, serving(app) as port:
+            await tab.open(f"http://127.0.0.1:{port}/?lang=en")
+            for typed, seen in (("no key", "This key is not valid here."), (key(Role.VIEWER), "Nobody holds it")):
+                await tab.until("document.querySelector('.login input')")
+                await tab.value("document.querySelector('.login input').focus()")
+                await tab.type(typed)
+                await tab.press("Enter")
+                await tab.sees(seen)
+            assert await tab.value("document.querySelector('.login') === null")
+            await tab.open(f"http://127.0.0.1:{port}/?lang=en")
+            await tab.until("document.querySelector('.login input')")
+            assert await tab.value("document.querySelectorAll('.card').length") == 0
 
     asyncio.run(use())
