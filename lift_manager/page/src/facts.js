@@ -27,7 +27,9 @@ export function troubles(lift, { t, word }) {
   }
   if (restrictions.lockout) add("warn", t("trouble.lockout"), restrictions.lockout);
   if (restrictions.drain) add("warn", t("trouble.drain"), restrictions.drain);
-  if (restrictions.maybe_occupied_by) add("warn", t("trouble.occupied", { who: holderName(restrictions.maybe_occupied_by) }));
+  // the robot of a session that goes on is where it should be
+  const left = restrictions.maybe_occupied_by;
+  if (left && holderName(left) !== lift.session?.name) add("warn", t("trouble.occupied", { who: holderName(left) }));
   if (restrictions.distrusted) add("warn", t("trouble.distrusted"), restrictions.distrusted);
   return found;
 }

@@ -116,6 +116,16 @@ def test_a_real_browser_shows_lifts_and_says_when_one_of_them_or_the_manager_is_
                 site.shift(quality=Quality.OFFLINE, floor=None, doors={}, mode=Mode.UNKNOWN, reason="no answer")
                 await tab.sees("The lift cannot be read.")
                 await tab.until("document.querySelectorAll('.card.unknown .hatched').length === 1")
+                for session, troubles in (({"name": "r1"}, 0), ({"name": "r2"}, 1), (None, 1)):
+                    lift = {
+                        "mode": "robot",
+                        "quality": "live",
+                        "doors": {},
+                        "session": session,
+                        "restrictions": {"maybe_occupied_by": "fleet:r1"},
+                    }
+                    call = f"m.troubles({json.dumps(lift)}, {{t: (text) => text, word: (text) => text}}).length"
+                    assert await tab.value(f"import('/page/src/facts.js').then((m) => {call})") == troubles
                 assert tab.complaints == []
                 assert {url.split("/")[2] for url in tab.requested} == {f"127.0.0.1:{port}"}
             await tab.sees("No news from the manager")
