@@ -92,7 +92,7 @@ def _read(source: RegisterMap, text: str) -> tuple[str, str, int, int | None]:
     number: Callable[[str | None], int | None] = lambda digits: None if digits is None else int(digits)  # noqa: E731
     if (match := _PRINTED.fullmatch(text)) is not None:
         base = addressing.base or 0 if addressing.notation is None else 0
-        return endpoint, match[2], int(match[3], 16 if "x" in match[3] else 10) - base, number(match[4])
+        return endpoint, match[2], int(match[3], 16 if match[3][:2] in ("0x", "0X") else 10) - base, number(match[4])
     if (match := _MODICON.fullmatch(text)) is not None:
         return endpoint, _MODICON_TABLES[match[2]], int(match[3]) - 1, number(match[4])
     place = source.place(text)

@@ -61,7 +61,7 @@ def _refreshes(loaded: LoadedSite, name: str, codec: Codec) -> dict[PolledBlock,
             None if command.spec.is_heartbeat else command.spec.on
         )
         for which, command in codec.commands.items()
-        if (which == "robot_mode" or command.spec.is_heartbeat) and not codec.commands[which].is_shared
+        if (which == "robot_mode" or command.spec.is_heartbeat) and not command.is_shared
         for point in command.points
     }
 
