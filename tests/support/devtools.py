@@ -15,7 +15,7 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from tests.support.programs import HANGS_S
 
-CHROMIUM = (
+HEADLESS = (
     "chromium",
     "--headless",
     "--no-sandbox",
@@ -26,9 +26,9 @@ CHROMIUM = (
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
-    "--remote-debugging-port=0",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
 )
+"""A browser that asks nobody by itself."""
+CHROMIUM = (*HEADLESS, "--remote-debugging-port=0", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")
 LOOK_AGAIN_S = 0.05
 
 

@@ -4,21 +4,9 @@ import asyncio
 import subprocess
 from pathlib import Path
 
-CHROMIUM = (
-    "chromium",
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-    "--enable-logging=stderr",
-    "--virtual-time-budget=10000",
-    "--dump-dom",
-)
+from tests.support.devtools import HEADLESS
+
+CHROMIUM = (*HEADLESS, "--enable-logging=stderr", "--virtual-time-budget=10000", "--dump-dom")
 
 
 async def shown_by_chromium(url: str, profile: Path, *, names: str = "") -> tuple[str, str]:
