@@ -102,7 +102,7 @@ def record(  # noqa: PLR0913  each is an option of the command line
     Where the manager has keys this needs one of the role commissioner. With --site it polls the lifts itself, in the place
     of a manager, and records from the first frame of the connection on.
 
-    Exit code 1 if there was no frame. Example: lift-manager trace record plc -o door-problem --for 30s
+    Exit code 1 if the controller gave no answer. Example: lift-manager trace record plc -o door-problem --for 30s
     """
     recording = _OpenRecording(_path(output, ".jsonl"), _path(output, ".pcapng"), for_s)
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
@@ -120,9 +120,10 @@ def record(  # noqa: PLR0913  each is an option of the command line
         raise typer.Exit(1)
     recorder.end()
     what = summary_of(recorder.counts, recorder.lasted_s)
-    if not recorder.counts.frames:
-        raise fail(f"{recording.link}: no frame: the link is down; `lift-manager lifts` shows why")
     print_lines([f"{recording.jsonl} and {recording.pcapng.name}: {what}"])
+    if not recorder.counts.answers:
+        why = f"`lift-manager doctor {site}`" if site else "`lift-manager lifts`"
+        raise fail(f"{recording.link}: the controller gave no answer; {why} shows why")
 
 
 @app.command()

@@ -8,6 +8,7 @@ import pty
 import re
 import select
 import signal
+import socket
 import struct
 import subprocess
 import termios
@@ -249,12 +250,21 @@ def test_a_controller_that_there_is_not_is_refused_with_those_there_are(
     assert list(tmp_path.glob("a.*")) == []
 
 
-def test_a_dead_link_is_a_recording_without_frames_and_an_error(lift_simulator: LiftSimulator, tmp_path: Path) -> None:
+def test_a_recording_without_an_answer_is_kept_and_an_error(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        site = site_file(tmp_path, silent.getsockname()[1])
+        done = call("trace", "record", "--site", site, "-o", tmp_path / "a", "--for", "1s")
+    assert done.returncode == 1
+    assert re.search(r"a\.jsonl and a\.pcapng: [1-9]\d* frames? in .*, [1-9]\d* without a right answer", done.stdout)
+    assert done.stderr == f"plc: the controller gave no answer; `lift-manager doctor {site}` shows why\n"
+
+
+def test_a_recording_of_a_controller_without_power_is_an_error(lift_simulator: LiftSimulator, tmp_path: Path) -> None:
     lift_simulator.begin("power_loss.outputs_held")
     site = site_file(tmp_path, lift_simulator.port)
     done = call("trace", "record", "--site", site, "-o", tmp_path / "a", "--for", "1s")
     assert done.returncode == 1
-    assert "plc: no frame: the link is down" in done.stderr
+    assert "plc: the controller gave no answer; " in done.stderr
 
 
 def test_what_is_no_recording_or_has_no_such_signal_is_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ class Counts:
     """What a recording holds so far."""
 
     frames: int = 0
+    answers: int = 0
     writes: int = 0
     exceptions: int = 0
     troubles: int = 0
@@ -31,6 +32,7 @@ class Counts:
     def add(self, exchanges: Iterable[Exchange]) -> None:
         """Count exchanges."""
         for exchange in exchanges:
+            self.answers += exchange.answer is not None
             self.writes += exchange.is_write
             self.exceptions += exchange.exception is not None
             self.troubles += bool(exchange.trouble)
