@@ -70,6 +70,10 @@ def _made(name: str, kind: type, values: Mapping[str, object]) -> Any:
     try:
         return TypeAdapter(kind).validate_python(dict(values))
     except ValidationError as error:
-        found = error.errors(include_url=False, include_input=False)
-        texts = "; ".join(f"{'.'.join(map(str, one['loc']))} {one['msg']}".strip() for one in found)
-        raise BenchError(f"{name}: {texts}") from error
+        raise BenchError(f"{name}: {mistakes_of(error)}") from error
+
+
+def mistakes_of(error: ValidationError) -> str:
+    """Return what is wrong with the given values, on one line."""
+    found = error.errors(include_url=False, include_input=False)
+    return "; ".join(f"{'.'.join(map(str, one['loc']))} {one['msg']}".strip() for one in found)

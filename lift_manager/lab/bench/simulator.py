@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 from drivers.model import FloorName
+from lift_manager.lab.bench.controls import Button, Controls, InputChanges, input_changes
 from lift_manager.lab.bench.errors import BenchError, ConditionNotMet
 from lift_manager.lab.bench.naming import device_fault
 from lift_manager.lab.bench.plan import LiftPlan
@@ -25,8 +25,6 @@ from simulator.state import ShownState
 HOST = "127.0.0.1"
 WITHIN_S = 5.0
 """The default time limit of a wait. Chosen: several rides at the usual speed, on a busy machine."""
-_FINGER_SCANS = 3
-"""For how many scans a person presses a button. Chosen: no scan can miss it."""
 
 TruthCondition = Callable[[Truth], bool]
 
@@ -62,9 +60,8 @@ class Plant:
         self.ports: dict[str, int] = {}
         """The address of each device by endpoint; the controller itself has the empty name."""
         self._plan = plan
-        self._inputs = self.face.inputs
+        self.controls = Controls(plan.name, self.face, self.floors, self.look)
         self._given: frozenset[tuple[str, int]] = frozenset()
-        self._fingers: list[asyncio.TimerHandle] = []
         self._next_scan: asyncio.TimerHandle | None = None
 
     @asynccontextmanager
@@ -79,14 +76,14 @@ class Plant:
                 stack.push_async_callback(server.stop)
                 self.ports[endpoint] = server.port
             for fault in self._plan.faults:
-                self.begin(fault)
+                self.controls.begin(fault)
             self._scan()
             try:
                 yield
             finally:
-                for timer in (*self._fingers, self._next_scan):
-                    if timer is not None:
-                        timer.cancel()
+                self.controls.close()
+                if self._next_scan is not None:
+                    self._next_scan.cancel()
 
     def look(self) -> Truth:
         """Advance the lift to now, record changes, and return its physical state."""
@@ -98,41 +95,6 @@ class Plant:
             self.history.add(now, truth)
             self.changes.publish(truth)
         return truth
-
-    def begin(self, fault: Fault) -> None:
-        """Begin a fault. Raises BenchError for one that this map cannot have."""
-        try:
-            self.face.begin(fault, _now())
-        except ValueError as error:
-            raise BenchError(f"{self.name}: {error}") from error
-        self.look()
-
-    def end(self, fault: Fault) -> None:
-        """End a fault. Raises BenchError if it has not begun."""
-        if fault not in self.face.faults:
-            present = ", ".join(map(repr, self.face.faults)) or "none"
-            raise BenchError(f"{self.name}: {fault!r} has not begun, or has ended; present: {present}")
-        self.face.end(fault, _now())
-        self.look()
-
-    def people(self, **changes: Any) -> None:
-        """Change what people press, hold and turn; the names are those of the fields of Inputs."""
-        self._inputs = replace(self._inputs, **changes)
-        self.face.people(_now(), self._inputs)
-        self.look()
-
-    def press(self, kind: str, floor: FloorName) -> None:
-        """Press a button for some scans; `kind` is car_buttons or landing_buttons."""
-        if floor not in self.floors:
-            raise BenchError(f"{self.name}: no floor {floor!r}; there is {', '.join(self.floors)}")
-        button = self.floors.index(floor)
-
-        def release() -> None:
-            self.people(**{kind: getattr(self._inputs, kind) - {button}})
-
-        self.people(**{kind: getattr(self._inputs, kind) | {button}})
-        held_s = _FINGER_SCANS * self.face.parameters.scan_s
-        self._fingers.append(asyncio.get_running_loop().call_later(held_s, release))
 
     async def wait_for(self, condition: TruthCondition, within_s: float) -> Truth:
         """Return the first truth that meets the condition. Raises ConditionNotMet."""
@@ -282,13 +244,13 @@ class LiftSimulator:
     def begin(self, fault: Fault | str, **values: object) -> Fault:
         """Begin a fault; returns it as a value."""
         value = device_fault(fault, values, self.floors)
-        self._thread.call(lambda: self._plant.begin(value))
+        self._thread.call(lambda: self._plant.controls.begin(value))
         return value
 
     def end(self, fault: Fault | str, **values: object) -> None:
         """End a fault."""
         value = device_fault(fault, values, self.floors)
-        self._thread.call(lambda: self._plant.end(value))
+        self._thread.call(lambda: self._plant.controls.end(value))
 
     @contextmanager
     def fault(self, fault: Fault | str, **values: object) -> Iterator[Fault]:
@@ -308,19 +270,33 @@ class LiftSimulator:
 
     def press_landing(self, floor: FloorName) -> None:
         """Press and release the landing button of a floor."""
-        self._thread.call(lambda: self._plant.press("landing_buttons", floor))
+        self._thread.call(lambda: self._plant.controls.press(Button.LANDING, floor))
 
     def press_car(self, floor: FloorName) -> None:
         """Press and release the button of a floor in the car."""
-        self._thread.call(lambda: self._plant.press("car_buttons", floor))
+        self._thread.call(lambda: self._plant.controls.press(Button.CAR, floor))
+
+    def set_inputs(self, **changes: object) -> None:
+        """Change what people press, hold and turn, by the names of `InputChanges`, such as `key="inspection"`."""
+        given = input_changes(changes)
+        self._thread.call(lambda: self._plant.controls.set_inputs(given))
 
     def set_fire(self, on: bool) -> None:  # noqa: FBT001 - clear from the name of the method
         """Switch the fire alarm of the building on or off."""
-        self._thread.call(lambda: self._plant.people(fire=on))
+        self.set_inputs(fire=on)
 
     def block_doorway(self, *sides: Side) -> None:
         """Block the light curtains of exactly these doors; without a door, of none."""
-        self._thread.call(lambda: self._plant.people(obstruction=frozenset(sides)))
+        self.set_inputs(obstruction=sides)
+
+    @property
+    def inputs(self) -> InputChanges:
+        """What people press, hold and turn now."""
+        return self._thread.call(lambda: self._plant.controls.held)
+
+    def reset(self) -> None:
+        """End every fault and release everything; the key returns to where it was at the start."""
+        self._thread.call(self._plant.controls.reset)
 
 
 def _now() -> float:
