@@ -25,6 +25,8 @@ _RESET = struct.pack("ii", 1, 0)
 _BACKLOG = 100
 
 _Stream = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+OnRequest = Callable[[str, bytes], None]
+"""Receives the host and port of the client, as `host:port`, and the frame."""
 
 
 class FaultProxy:
@@ -34,14 +36,22 @@ class FaultProxy:
     """
 
     def __init__(
-        self, host: str, port: int, faults: WireFaults, *, listen_host: str = "127.0.0.1", listen_port: int = 0
+        self,
+        host: str,
+        port: int,
+        faults: WireFaults,
+        *,
+        listen_host: str = "127.0.0.1",
+        listen_port: int = 0,
+        on_request: OnRequest | None = None,
     ) -> None:
-        """`listen_port` 0: any free one, and the same again after a stop."""
+        """`listen_port` 0: any free one, and the same again after a stop. `on_request` is called for each request that reaches the server."""
         self.faults = faults
         """May be changed at any time."""
         self._server = host, port
         self._listen_host = listen_host
         self._port = listen_port
+        self._on_request = on_request
         self._work: asyncio.Task[None] | None = None
 
     @property
@@ -119,7 +129,7 @@ class FaultProxy:
                     _reset(near[1])
                     return
                 writers.append(device[1])
-            await _Relay(near, device, connection, loop.time).run()
+            await _Relay(near, device, connection, loop.time, self._on_request).run()
             await _close(near[1])
         finally:
             connection.close(loop.time())
@@ -187,13 +197,19 @@ class _Relay:
     """One client and its connection to the server."""
 
     def __init__(
-        self, client: _Stream, device: _Stream | None, connection: Connection, clock: Callable[[], float]
+        self,
+        client: _Stream,
+        device: _Stream | None,
+        connection: Connection,
+        clock: Callable[[], float],
+        on_request: OnRequest | None,
     ) -> None:
         """`device` is None for a client that never gets an answer."""
         self._client = client
         self._device = device
         self._connection = connection
         self._clock = clock
+        self._on_request = on_request
         self._outbox = _Outbox(clock)
 
     async def run(self) -> None:
@@ -245,6 +261,8 @@ class _Relay:
         verdict = self._connection.take(frame, now)
         if verdict.executed:
             self._pass(frame)
+            if self._on_request is not None and (address := self._client[1].get_extra_info("peername")) is not None:
+                self._on_request(f"{address[0]}:{address[1]}", frame)
         self._outbox.put(verdict.replies, now)
 
     def _pass(self, data: bytes) -> None:

@@ -145,6 +145,29 @@ def test_without_faults_every_byte_passes_both_ways(run: Callable[[Main], None])
     run(main)
 
 
+def test_each_request_that_reaches_the_server_is_reported_with_its_client() -> None:
+    async def main() -> None:
+        reported: list[tuple[str, bytes]] = []
+        server = Server()
+        listener = await asyncio.start_server(server.serve, HOST, 0)
+        port = listener.sockets[0].getsockname()[1]
+        faults = WireFaults()
+        async with (
+            FaultProxy(HOST, port, faults, on_request=lambda *request: reported.append(request)) as proxy,
+            client(proxy) as (reader, writer),
+        ):
+            faults.add(DropRequest(times=1))
+            for request in (PRESS, ASK):
+                writer.write(request)
+            assert await reader.readexactly(len(ANSWER)) == ANSWER
+            address = ":".join(map(str, writer.get_extra_info("sockname")))
+        assert reported == [(address, ASK)]
+        listener.close()
+        await listener.wait_closed()
+
+    asyncio.run(limited(main))
+
+
 async def everything(server: Server) -> bytes:
     """What the server hears until its client has ended."""
     came = b""
