@@ -43,11 +43,11 @@ class PageFiles(StaticFiles):
 def add_page(app: FastAPI) -> None:
     """Serve the page."""
     for path, name in VIEWS.items():
-        app.add_api_route(path, _Document(FOLDER / name), include_in_schema=False)
+        app.add_api_route(path, Document(FOLDER / name), include_in_schema=False)
     app.mount("/page", PageFiles(directory=FOLDER))
 
 
-class _Document:
+class Document:
     """The endpoint of one document. Which lift a lobby view shows is read by its script."""
 
     def __init__(self, file: Path) -> None:

@@ -4,8 +4,8 @@ import { Component, html } from "../vendor/htm-preact.js";
 import { Card } from "./card.js";
 import { Details } from "./details.js";
 import { troubles, worst } from "./facts.js";
+import { Languages } from "./languages.js";
 import { LiftTable } from "./table.js";
-import { chooseLanguage } from "./texts.js";
 
 const VIEW = "lift-manager-view";
 
@@ -75,11 +75,4 @@ function Summary({ records, connection, texts }) {
   if (warnings) parts.push(`⚠ ${t("summary.warnings", { n: warnings })}`);
   if (cut) parts.push(`⚠ ${t("connection.cut")}`);
   return html`<p class=${`summary ${tone}`} role="status">${parts.join(" · ")}</p>`;
-}
-
-function Languages({ texts }) {
-  return html`<label><span class="hidden">${texts.t("language")}</span>
-    <select onChange=${(event) => chooseLanguage(event.target.value)}>${Object.entries(texts.names).map(
-      ([code, name]) => html`<option key=${code} value=${code} lang=${code} selected=${code === texts.language}>${name}</option>`,
-    )}</select></label>`;
 }

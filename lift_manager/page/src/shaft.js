@@ -10,7 +10,8 @@ const [CAR_X, CAR_WIDTH, CAR_HEIGHT] = [44, 44, 26];
 const LABELS = 14;
 const LEAF = { open: 0.12, closed: 1, opening: 0.55, closing: 0.55, moving: 0.55 };
 
-export function Shaft({ record, texts }) {
+/** `label` replaces the sentence about the lift. A lift with a `position`, in floors above the lowest, is drawn exactly there. */
+export function Shaft({ record, texts, label = null }) {
   const { shown: lift, lastFloor } = record;
   const { floors } = lift;
   const height = floors.length * FLOOR;
@@ -18,7 +19,7 @@ export function Shaft({ record, texts }) {
   const floorY = (floor) => (floors.length - 1 - floors.indexOf(floor)) * FLOOR;
   const known = lift.quality === "live";
   return html`<svg class=${`shaft ${known ? "" : "unknown"}`} viewBox=${`0 0 ${WIDTH} ${height}`} role="img"
-      aria-label=${sentence(lift, lastFloor, texts)}>
+      aria-label=${label ?? sentence(lift, lastFloor, texts)}>
     <${Hatching} id=${`hatch-${lift.name}`} />
     <rect class="well" x=${CAR_X - 4} y="1" width=${CAR_WIDTH + 8} height=${height - 2} />
     ${floors.map((floor) => {
@@ -56,7 +57,8 @@ function Car({ lift, lastFloor, floorY }) {
   if (floor === null) return null;
   const between = lift.floor === null;
   const half = { up: -FLOOR / 2, down: FLOOR / 2 }[lift.motion] ?? 0;
-  const y = floorY(floor) + (FLOOR - CAR_HEIGHT) / 2 - 1 + (between ? half : 0);
+  const floorTop = lift.position === undefined ? floorY(floor) + (between ? half : 0) : (lift.floors.length - 1 - lift.position) * FLOOR;
+  const y = floorTop + (FLOOR - CAR_HEIGHT) / 2 - 1;
   const [front, rear] = [lift.doors.front, lift.doors.rear];
   return html`<g class=${`car ${between ? "between" : ""}`} style=${{ transform: `translateY(${y}px)` }}>
     <rect class="cabin" x=${CAR_X} y="0" width=${CAR_WIDTH} height=${CAR_HEIGHT} rx="2" />

@@ -3,11 +3,14 @@
 const FOLDER = new URL("../texts/", import.meta.url);
 const KEPT = "lift-manager-language";
 
-/** Returns `{language, names, t, word}` for the language in the address, the one chosen before, or the browser's. */
-export async function loadTexts() {
+/**
+ * Returns `{language, names, t, word}` for the language in the address, the one chosen before, or the browser's.
+ * `folders` have further texts, in files of the same names.
+ */
+export async function loadTexts(...folders) {
   const names = await load("languages");
   const language = wanted().find((code) => code in names) ?? "en";
-  const texts = await load(language);
+  const texts = Object.assign({}, ...(await Promise.all([FOLDER, ...folders].map((folder) => load(language, folder)))));
   document.documentElement.lang = language;
   return { language, names, t: (key, values) => filled(texts[key] ?? key, values), word: wordOf(texts) };
 }
@@ -30,8 +33,8 @@ function wanted() {
   return chosen.filter(Boolean).map((code) => code.slice(0, 2).toLowerCase());
 }
 
-async function load(name) {
-  const response = await fetch(new URL(`${name}.json`, FOLDER));
+async function load(name, folder = FOLDER) {
+  const response = await fetch(new URL(`${name}.json`, folder));
   if (!response.ok) throw new Error(`${name}.json: ${response.status}`);
   return response.json();
 }
