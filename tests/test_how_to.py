@@ -1,5 +1,6 @@
 """The commands of the how-to pages and of the journal's page, run in the order in which a reader types them."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -13,7 +14,7 @@ from lift_manager.lab.bench import LiftSite
 from lift_manager.store.place import store_path
 from tests.lift_manager.commissioning.checkout.records import FAT, SAT
 from tests.support.pages import blocks, commands
-from tests.support.programs import ROOT, Started, call, free_port, run
+from tests.support.programs import HANGS_S, ROOT, Started, call, free_port, run
 
 HOW_TO = ROOT / "docs" / "how-to"
 TUTORIAL = ROOT / "register_maps" / "TUTORIAL.md"
@@ -54,6 +55,25 @@ def test_keys_are_made_listed_and_revoked() -> None:
     assert all(name in done(list_keys) for name in ("desk", "amr-1", "adapter", "hall"))
     done(revoke)
     assert "amr-1" not in done(list_keys) or "revoked" in done(list_keys)
+
+
+@pytest.mark.external("curl")
+def test_a_simulated_lift_is_worked_through_its_panel() -> None:
+    simulate, *curls = commands(HOW_TO / "the-panel.md")
+    with Started() as start:
+        program = start(*words(simulate), "--port", "0", "--panel", "0")
+        panel = program.says(r"make faults: http://(\S+)/")[1]
+        replies = []
+        for line in curls:
+            command = shlex.split(line.replace("127.0.0.1:5004", panel))
+            done = subprocess.run(command, capture_output=True, timeout=HANGS_S, check=True)
+            replies.append(json.loads(done.stdout))
+    pressed, held, slow, fast, reset, last = replies
+    assert pressed["car"]["floor"] == "L1"
+    assert (held["inputs"]["obstruction"], held["inputs"]["key"]) == (["front"], "independent")
+    assert [fault["name"] for fault in slow["faults"]] == ["delay"]
+    assert fast["faults"] == reset["faults"] == []
+    assert last["inputs"] == pressed["inputs"]
 
 
 @pytest.mark.lift("main")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
+from socket import socket
 from typing import Annotated
 
 import typer
@@ -24,6 +26,22 @@ from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
 
+PANEL_PORT = 5004
+"""Where the panel is unless that port is taken. Chosen: beside the manager of the demo."""
+
+PanelPort = Annotated[
+    int | None,
+    typer.Option(
+        "--panel",
+        min=0,
+        max=65535,
+        metavar="PORT",
+        help=f"Port of the panel that presses buttons and makes faults, on this computer only; by default {PANEL_PORT}, or any free"
+        " one if that is taken.",
+        show_default=False,
+    ),
+]
+NoPanel = Annotated[bool, typer.Option("--no-panel", help="Run without the panel.")]
 Speed = Annotated[
     float, typer.Option(min=0.1, max=100, help="How much faster than real the simulated car and doors move.")
 ]
@@ -33,6 +51,9 @@ def demo(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the manager; 0 takes any free one.")] = 5003,
     speed: Speed = 1.0,
     log_format: LogOption = LogFormat.HUMAN,
+    panel: PanelPort = None,
+    *,
+    no_panel: NoPanel = False,
 ) -> None:
     """Run three simulated lifts and a manager, with nothing to configure."""
     log_to_stderr(log_format)
@@ -41,11 +62,12 @@ def demo(
         sock = listen("127.0.0.1", port)
     except ListenError as error:
         raise fail(str(error)) from error
-    if not run(run_demo(sock, speed=speed, console=out)):
-        raise typer.Exit(1)
+    with sock:
+        if not run(run_demo(sock, speed=speed, console=out, panel=_panel_socket(panel, no_panel=no_panel))):
+            raise typer.Exit(1)
 
 
-def simulate(
+def simulate(  # noqa: PLR0913  the options of the command
     map_name: Annotated[
         str,
         typer.Argument(
@@ -71,6 +93,8 @@ def simulate(
         bool,
         typer.Option("--loop", help="With --replay: begin again at its end, instead of repeating the last answers."),
     ] = False,
+    panel: PanelPort = None,
+    no_panel: NoPanel = False,
 ) -> None:
     """Serve one simulated lift that any Modbus/TCP tool can read and command, or replay a recorded controller.
 
@@ -80,12 +104,18 @@ def simulate(
         raise typer.BadParameter("give a map, or --replay with a recording", param_hint="MAP")
     if loop and replay is None:
         raise typer.BadParameter("only a recording has an end", param_hint="--loop")
+    if panel is not None and replay is not None:
+        raise typer.BadParameter("a recording has nothing to press", param_hint="--panel")
     try:
         if replay is not None:
             run(run_replay(read_recording(replay), host=host, port=port, loop=loop, console=out))
             return
-        source = load_map_or_exit(map_name).map
-        run(run_simulation(source, host=host, port=port, floors=read_floors(floors), speed=speed, console=out))
+        source, named = load_map_or_exit(map_name).map, read_floors(floors)
+        panel_socket = _panel_socket(panel, no_panel=no_panel)
+        with panel_socket or nullcontext():
+            run(
+                run_simulation(source, host=host, port=port, floors=named, speed=speed, console=out, panel=panel_socket)
+            )
     except RecordingUnusable as error:
         raise fail(str(error)) from error
     except NothingRecorded as error:
@@ -95,3 +125,18 @@ def simulate(
     except OSError as error:
         advice = "give an address of this machine with --host, or another port with --port"
         raise fail(f"cannot listen on {host}:{port}: {error.strerror or error}; {advice}") from error
+
+
+def _panel_socket(port: int | None, *, no_panel: bool) -> socket | None:
+    """Listen for the panel, or return None without one. Prints a sentence and exits with 1 if its port is taken."""
+    if no_panel:
+        if port is not None:
+            raise typer.BadParameter("give either --panel or --no-panel", param_hint="--panel")
+        return None
+    try:
+        return listen("127.0.0.1", PANEL_PORT if port is None else port)
+    except ListenError as error:
+        if port is None:
+            return listen("127.0.0.1", 0)
+        problem, _, _ = str(error).partition(";")  # what follows names options of `serve`
+        raise fail(f"{problem}; give another port with --panel, or leave the panel out with --no-panel") from error

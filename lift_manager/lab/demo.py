@@ -17,7 +17,8 @@ from lift_manager import app
 from lift_manager.client.client import MANAGER
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.lab.plant import controllers, simulated_lift
+from lift_manager.lab.panel.app import panel_on
+from lift_manager.lab.panel.lift import PanelLift
 from lift_manager.plain.paths import API
 from lift_manager.plain.signals import stop_on_signals
 from register_maps.codec import compile_map
@@ -43,23 +44,26 @@ LIFTS = (
 )
 
 
-async def run_demo(sock: socket, *, speed: float, console: Console) -> bool:
-    """Run the demo on a listening socket until SIGTERM or Ctrl-C. Returns whether the release of every output was verified."""
+async def run_demo(sock: socket, *, speed: float, console: Console, panel: socket | None = None) -> bool:
+    """Run the demo on a listening socket until SIGTERM or Ctrl-C, with a panel on another one if there is one.
+
+    Returns whether the release of every output was verified.
+    """
     stop = asyncio.Event()
     stop_on_signals(stop)
     async with AsyncExitStack() as stack:
-        ports = {lift.name: await _start(lift, speed, stack) for lift in LIFTS}
+        lifts = [PanelLift(lift.name, compile_map(load(lift.map).map), lift.floors, speed=speed) for lift in LIFTS]
+        ports = {lift.name: (await stack.enter_async_context(lift.running()))[""] for lift in lifts}
+        address = None
+        if panel is not None:
+            address = await stack.enter_async_context(panel_on(panel, lifts, _address(sock)))
         loaded = LoadedSite(_site(ports), {lift.name: load(lift.map) for lift in LIFTS}, Path("demo"))
-        return await app.run(loaded, sock, stop=stop, ready=lambda: _guide(console, sock, ports))
+        return await app.run(loaded, sock, stop=stop, ready=lambda: _guide(console, _address(sock), ports, address))
 
 
-async def _start(lift: DemoLift, speed: float, stack: AsyncExitStack) -> int:
-    codec = compile_map(load(lift.map).map)
-    servers = controllers(codec.map, simulated_lift(codec, lift.floors, speed=speed))
-    for server in servers.values():
-        await server.start()
-        stack.push_async_callback(server.stop)
-    return servers[""].port
+def _address(sock: socket) -> str:
+    host, port = sock.getsockname()[:2]
+    return f"http://{host}:{port}"
 
 
 def _site(ports: Mapping[str, int]) -> Site:
@@ -96,13 +100,13 @@ def _ride_lines(lift: DemoLift, manager: str) -> list[str]:
     ]
 
 
-def _guide(console: Console, sock: socket, ports: Mapping[str, int]) -> None:
-    host, port = sock.getsockname()[:2]
-    base = f"http://{host}:{port}/open-rmf/demo-lift"
+def _guide(console: Console, manager: str, ports: Mapping[str, int], panel: str | None) -> None:
+    base = f"{manager}/open-rmf/demo-lift"
     post = f"curl -X POST '{base}/lift_request?lift_name=lift' -H 'Content-Type: application/json' -d"
     lines = [
         "",
-        f"[bold]Three lifts are running.[/bold] See them: http://{host}:{port}/ (API: http://{host}:{port}/docs)",
+        f"[bold]Three lifts are running.[/bold] See them: {manager}/ (API: {manager}/docs)",
+        *([f"Press their buttons, stand in a door, make faults: {panel}"] if panel is not None else []),
         "",
         "Send the car to L2 and hold its door:",
         f'  {post} \'{{"floor": "L2", "door_state": 2}}\'',
@@ -111,7 +115,7 @@ def _guide(console: Console, sock: socket, ports: Mapping[str, int]) -> None:
         "Release it:",
         f'  {post} \'{{"floor": "L2", "door_state": 0}}\'',
         "Do the same with a ride, and follow the events:",
-        *_ride_lines(LIFTS[0], f"http://{host}:{port}"),
+        *_ride_lines(LIFTS[0], manager),
         "",
         *(
             f"{lift.name}: floors {', '.join(lift.floors)}; controller on 127.0.0.1:{ports[lift.name]}, map {lift.map}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import AsyncIterator, Collection, Iterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 
 from lift_manager.plain.version import running_version
@@ -76,6 +77,19 @@ def controllers(
         )
         for number, (name, device) in enumerate(devices.items())
     }
+
+
+@asynccontextmanager
+async def listening(
+    source: RegisterMap, lift: RegisterFace, *, host: str = "127.0.0.1", port: int = 0
+) -> AsyncIterator[dict[str, int]]:
+    """Serve the `controllers` while the context lasts; yields their ports. Raises OSError for a port in use."""
+    async with AsyncExitStack() as stack:
+        servers = controllers(source, lift, host=host, port=port)
+        for server in servers.values():
+            await server.start()
+            stack.push_async_callback(server.stop)
+        yield {name: server.port for name, server in servers.items()}
 
 
 def blind_spots(codec: Codec) -> tuple[str, ...]:

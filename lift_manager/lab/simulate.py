@@ -5,33 +5,49 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
+from socket import socket
 
 from rich.console import Console
 from rich.table import Table as Grid
 
 from lift_manager.commissioning.trace.recording import Recording
 from lift_manager.lab import tryout
-from lift_manager.lab.plant import blind_spots, controllers, default_floors, simulated_lift
+from lift_manager.lab.panel.app import panel_on
+from lift_manager.lab.panel.lift import PanelLift
+from lift_manager.lab.panel.registers import wire_text
+from lift_manager.lab.plant import blind_spots, default_floors
 from lift_manager.lab.replay import Replay, serve_replay
 from lift_manager.plain.signals import stop_on_signals
-from register_maps.codec import Codec, Point, compile_map
+from register_maps.codec import Codec, compile_map
 from register_maps.schema import RegisterMap
 
 
 async def run_simulation(
-    source: RegisterMap, *, host: str, port: int, floors: Mapping[str, int] | None, speed: float, console: Console
+    source: RegisterMap,
+    *,
+    host: str,
+    port: int,
+    floors: Mapping[str, int] | None,
+    speed: float,
+    console: Console,
+    panel: socket | None = None,
 ) -> None:
-    """Serve one lift until SIGTERM or Ctrl-C. Raises OSError for a port in use, and ValueError for a floor that the map cannot express."""
+    """Serve one lift until SIGTERM or Ctrl-C, with a panel on a listening socket if there is one.
+
+    Raises OSError for a port in use, and ValueError for a floor that the map cannot express.
+    """
     stop = asyncio.Event()
     stop_on_signals(stop)
     codec = compile_map(source)
     named = dict(floors) if floors else default_floors(source)
-    servers = controllers(source, simulated_lift(codec, named, speed=speed), host=host, port=port)
     async with AsyncExitStack() as stack:
-        for server in servers.values():
-            await server.start()
-            stack.push_async_callback(server.stop)
-        _describe(console, codec, named, {name: f"{host}:{server.port}" for name, server in servers.items()})
+        lift = PanelLift(source.name, codec, named, speed=speed)
+        ports = await stack.enter_async_context(lift.running(host=host, port=port))
+        address = None if panel is None else await stack.enter_async_context(panel_on(panel, [lift]))
+        _describe(console, codec, named, {name: f"{host}:{number}" for name, number in ports.items()})
+        if address is not None:
+            console.print(f"Press its buttons, turn its key, make faults: {address}", highlight=False, soft_wrap=True)
+        console.print("Ctrl-C ends it.")
         await stop.wait()
 
 
@@ -62,12 +78,12 @@ def _describe(console: Console, codec: Codec, floors: Mapping[str, int], where: 
     for name, signal in codec.signals.items():
         values = source.signals[name].values
         text = ", ".join(f"{code} {word}" for code, word in values.items()) if values else source.signals[name].note
-        grid.add_row(name, ", ".join(source.signals[name].addresses), _wire(signal.points), text)
+        grid.add_row(name, ", ".join(source.signals[name].addresses), wire_text(signal.points), text)
     grid.add_section()
     for name, command in codec.commands.items():
-        wire = _wire(command.points)
+        wire = wire_text(command.points)
         if command.read_points and command.read_points != command.points:
-            wire += f"; read back at {_wire(command.read_points)}"
+            wire += f"; read back at {wire_text(command.read_points)}"
         grid.add_row(f"[bold]{name}[/bold]", ", ".join(command.spec.addresses), wire, command.spec.note)
     console.print(grid)
     console.print("Floors: " + ", ".join(f"{name} = {code}" for name, code in floors.items()))
@@ -76,8 +92,3 @@ def _describe(console: Console, codec: Codec, floors: Mapping[str, int], where: 
         console.print(f"{lift}: its outputs can be written and read back, but their effect cannot be seen.")
     for line in tryout.lines(codec, floors, where):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
-    console.print("Ctrl-C ends it.")
-
-
-def _wire(points: tuple[Point, ...]) -> str:
-    return ", ".join(f"{point.space} {point.address}" + ("" if point.is_whole else f".{point.low}") for point in points)

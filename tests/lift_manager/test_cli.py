@@ -11,6 +11,7 @@ from contextlib import chdir, closing
 from importlib.metadata import version
 from pathlib import Path
 
+import httpx
 import pytest
 
 from lift_manager.cli.main import COMMANDS
@@ -83,7 +84,7 @@ BAD_SIMULATIONS: list[tuple[str, list[str]]] = [
 
 HELP = {
     "": ["Connect robots to real lifts", "demo", "serve", "check", "simulate", "maps"],
-    "demo": ["three simulated lifts", "--port", "5003", "--speed"],
+    "demo": ["three simulated lifts", "--port", "5003", "--speed", "--panel", "--no-panel"],
     "serve": ["Run the lift manager", "SITE", "--port"],
     "check": ["Find every", "FILE", "exits 2"],
     "lifts": ["running manager", "--json", "--follow", "--manager", "--key-file"],
@@ -101,7 +102,17 @@ HELP = {
     "ack": ["checked after a fire", "LIFT", "--by", "--manager"],
     "lockout": ["Keep robots off", "LIFT", "--by", "--reason", "--end", "--now", "--manager"],
     "drain": ["Let present sessions end", "LIFT", "--all", "--by", "--reason", "--end", "--manager"],
-    "simulate": ["one simulated lift", "MAP", "--port", "5020", "--host", "--floors", "L1=1,L2=2", "--speed"],
+    "simulate": [
+        "one simulated lift",
+        "MAP",
+        "--port",
+        "5020",
+        "--host",
+        "--floors",
+        "L1=1,L2=2",
+        "--speed",
+        "--panel",
+    ],
 }
 
 CALLS: list[tuple[str, ...]] = [
@@ -264,6 +275,40 @@ def test_a_simulated_controller_prints_its_registers_and_ends_quietly() -> None:
         with socket.create_connection(("127.0.0.1", port), timeout=HANGS_S):
             code, _ = program.stop()
         assert (code, program.err) == (0, "")
+
+
+def test_the_panel_of_a_simulated_lift_is_where_it_is_announced() -> None:
+    with running("simulate", "generic-registers", "--port", "0", "--panel", "0") as program:
+        panel = program.says(r"make faults: (http://127\.0\.0\.1:\d+/)")[1]
+        controller = program.says(r"(127\.0\.0\.1:\d+), unit 1")[1]
+        (lift,) = httpx.get(f"{panel}lifts", trust_env=False).json()["lifts"]
+        address = httpx.get(f"{panel}lifts/{lift}", trust_env=False).json()["controllers"][""]
+        assert f"{address['host']}:{address['port']}" == controller
+        assert (program.stop()[0], program.err) == (0, "")
+
+
+def test_a_panel_whose_port_is_taken_is_elsewhere_unless_the_port_was_given(taken: int) -> None:
+    done = run("simulate", "generic-registers", "--port", "0", "--panel", str(taken))
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert f"port {taken} on 127.0.0.1 is in use" in line
+    assert "--no-panel" in line
+    with (
+        running("simulate", "generic-registers", "--port", "0") as first,
+        running("simulate", "generic-registers", "--port", "0") as second,
+    ):
+        panels = {program.says(r"make faults: (\S+)")[1] for program in (first, second)}
+        assert len(panels) == 2
+
+
+def test_there_is_no_panel_where_none_is_requested() -> None:
+    with running("simulate", "generic-registers", "--port", "0", "--no-panel") as program:
+        program.says("Ctrl-C ends it")
+        assert "make faults" not in program.out
+    for words in (["generic-registers", "--no-panel"], ["--replay", "recording.jsonl"]):
+        done = call("simulate", *words, "--panel", "0")
+        assert done.returncode == 2
+        assert "--panel" in plain(done.stderr)
 
 
 def test_a_simulated_controller_does_not_mind_a_client_that_talks_nonsense_or_leaves_in_the_middle() -> None:

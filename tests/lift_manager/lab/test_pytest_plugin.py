@@ -139,6 +139,32 @@ def test_a_button_of_a_floor_that_is_not_there_is_refused_in_words(lift_simulato
         lift_simulator.press_landing("roof")
 
 
+def test_people_do_all_that_they_can_do_at_the_panel(lift_simulator: LiftSimulator) -> None:
+    at_rest = lift_simulator.inputs
+    lift_simulator.set_inputs(overload=True, key="independent", landing_buttons=["L2"])
+    lift_simulator.wait_for(lambda truth: truth.mode is Mode.INDEPENDENT)
+    assert lift_simulator.inputs.landing_buttons == frozenset({"L2"})
+    lift_simulator.begin("stuck_door")
+    lift_simulator.reset()
+    assert (lift_simulator.inputs, lift_simulator.faults) == (at_rest, frozenset())
+    lift_simulator.wait_for(lambda truth: truth.mode is Mode.NORMAL)
+
+
+@each_row(
+    ("changes", "words"),
+    [
+        ({"keys": "normal"}, "a lift has no input 'keys'; did you mean `key`?; there is car_buttons, "),
+        ({"key": "turned"}, "inputs: key Input should be 'normal', 'independent'"),
+        ({"obstruction": ["rear"]}, "lift: no rear door; there is front"),
+    ],
+)
+def test_an_input_that_cannot_be_is_refused_in_words(
+    lift_simulator: LiftSimulator, changes: dict[str, object], words: str
+) -> None:
+    with pytest.raises(BenchError, match=re.escape(words)):
+        lift_simulator.set_inputs(**changes)
+
+
 # -- the wire
 
 
