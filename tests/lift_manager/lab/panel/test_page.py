@@ -110,5 +110,7 @@ def test_a_real_browser_presses_makes_faults_and_marks_the_registers_that_change
                 assert {url.split("/")[2] for url in tab.requested} == {f"127.0.0.1:{port}"}
             await tab.sees("No news from the simulator")
             await tab.until("document.querySelector('.shaft.unknown')")
+            await tab.until("document.querySelectorAll('.call:disabled').length === 8")
+            await tab.sees("Position unknown")
 
     asyncio.run(use())

@@ -45,10 +45,10 @@ export class Panel extends Component {
           ? html`<p class="empty">${t("loading")}</p>`
           : html`
               <${Picture} key=${name} lift=${lift} lost=${lost} texts=${texts} act=${act} />
-              <div class="controls">
+              <fieldset class="controls" disabled=${lost}>
                 <${People} lift=${lift} texts=${texts} act=${act} />
                 <${Faults} key=${name} lift=${lift} kinds=${kinds} texts=${texts} act=${act} />
-              </div>
+              </fieldset>
               <${Registers} lift=${lift} lost=${lost} changes=${this.#changes} texts=${texts} />`}
       </main>`;
   }

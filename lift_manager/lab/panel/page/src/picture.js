@@ -5,12 +5,12 @@ import { Shaft } from "../../page/src/shaft.js";
 
 export function Picture({ lift, lost, texts, act }) {
   const { t } = texts;
-  const facts = factsOf(lift, texts);
+  const facts = lost ? [[t("facts.place"), t("place.unknown")]] : factsOf(lift, texts);
   const shown = {
     ...lift.car,
     name: lift.name,
     floors: lift.floors,
-    floor: lift.car.last_floor,
+    floor: lost ? null : lift.car.last_floor,
     quality: lost ? "offline" : "live",
     position: lift.car.position,
   };
@@ -18,8 +18,8 @@ export function Picture({ lift, lost, texts, act }) {
   const buttons = (button, calls) => html`<div class="buttons-of" role="group" aria-label=${t(`panel.${button}`)}>
     <span class="heading" aria-hidden="true">${t(`panel.${button}`)}</span>
     ${downwards.map((floor) => {
-      const lit = calls.includes(floor);
-      return html`<button key=${floor} class=${`call ${lit ? "lit" : ""}`} onClick=${() => act("press", { button, floor })}
+      const lit = !lost && calls.includes(floor);
+      return html`<button key=${floor} disabled=${lost} class=${`call ${lit ? "lit" : ""}`} onClick=${() => act("press", { button, floor })}
         aria-label=${t(lit ? `panel.${button}.lit` : `panel.${button}.press`, { floor })}>${floor}${lit ? " ●" : ""}</button>`;
     })}</div>`;
   return html`<section class="picture" style=${{ "--floors": lift.floors.length }} aria-label=${t("panel.picture")}>

@@ -21,17 +21,17 @@ export function Registers({ lift, lost, changes, texts }) {
 
 function Row({ register, unknown, change, texts }) {
   const { t } = texts;
-  const { name, raw, read_back: readBack, value } = register;
+  const { name, read_back: readBack, written_by: writer } = register;
+  const [raw, text] = unknown ? ["?", "?"] : [register.raw.join(" "), register.value];
   const changed = change !== null && !change.counts;
-  const text = value ?? "?";
   return html`<tr class=${[unknown ? "unknown" : "", changed ? "changed" : "", register.is_command ? "command" : ""].join(" ")}>
     <th scope="row">${name}</th>
     <td>${changed && html`<span class="sign" aria-hidden="true">◆ </span>`}${change?.counts && html`<span class="quiet" title=${t("register.counts")}>↻ </span>`}${text}
       ${changed && change.before !== null && change.before !== text && html` <span class="was">${t("register.was", { value: change.before })}</span>`}
-      ${register.is_obeyed === false && html` <span class="was">⚠ ${t("register.not_obeyed")}</span>`}</td>
-    <td class="number">${raw === null ? "?" : raw.join(" ")}${readBack !== null && html` <span class="was">${t("register.reads", { value: readBack.join(" ") })}</span>`}</td>
+      ${!unknown && register.is_obeyed === false && html` <span class="was">⚠ ${t("register.not_obeyed")}</span>`}</td>
+    <td class="number">${raw}${!unknown && readBack !== null && html` <span class="was">${t("register.reads", { value: readBack.join(" ") })}</span>`}</td>
     <td>${register.addresses.join(", ")}</td>
     <td>${register.wire}</td>
-    <td>${register.written_by !== null && html`${register.written_by} <span class="quiet">${t("time.ago", { time: duration(register.written_s, t) })}</span>`}</td>
+    <td>${!unknown && writer !== null && html`${writer} <span class="quiet">${t("time.ago", { time: duration(register.written_s, t) })}</span>`}</td>
   </tr>`;
 }
