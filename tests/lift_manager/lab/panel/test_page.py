@@ -22,6 +22,23 @@ SCRIPTS = [PAGE / "main.js", *(PAGE / "src").glob("*.js")]
 LANGUAGES = list(json.loads((FOLDER / "texts" / "languages.json").read_text("utf-8")))
 
 
+CHANGES = """{
+    const changes = new m.Changes();
+    const row = (name, raw, value) => ({ name, raw, value });
+    const of = (now) => ["fire", "alive"].map((name) => changes.of(name, now));
+    const take = (fire, alive, now) => changes.take([row("fire", [fire], fire ? "yes" : "no"), row("alive", [alive], String(alive))], now);
+    take(0, 1, 0);
+    const found = [of(100)];
+    take(1, 1, 200);
+    found.push(of(300));
+    for (let now = 6000; now < 8000; now += 500) take(1, now, now);
+    changes.take([row("fire", null, null)], 8000);
+    found.push(of(8000));
+    return found;
+}"""
+"""What is marked of two registers: of one that changes once and is then not known, and of one that always changes."""
+
+
 def texts_of(language: str) -> dict[str, str]:
     """The texts of the panel, and those of the manager's page that it uses too."""
     own: dict[str, str] = json.loads((PAGE / "texts" / f"{language}.json").read_text("utf-8"))
@@ -78,12 +95,22 @@ def test_a_real_browser_presses_makes_faults_and_marks_the_registers_that_change
             async with serving(make_panel([lift])) as port:
                 await tab.open(f"http://127.0.0.1:{port}/?lang=en")
                 await tab.until("document.querySelectorAll('.registers tbody tr').length > 10")
+                assert await tab.value(f"import('/panel/src/changes.js').then((m) => {CHANGES})") == [
+                    [None, None],
+                    [{"counts": False, "before": "no"}, None],
+                    [None, {"counts": True}],
+                ]
                 await tab.value("document.querySelector('[aria-label=\"Landing call L3\"]').focus()")
                 await tab.press("Enter")
                 await tab.sees("At L3")
-                await tab.until(
-                    "[...document.querySelectorAll('tr.changed')].some(row => row.innerText.includes('car_floor'))"
+                # looked for in the page itself: the mark lasts for some seconds only
+                marked = await tab.value(
+                    "new Promise((done) => { const look = () => { const row = document.querySelector('tr.changed');"
+                    " row ? done(row.innerText) : setTimeout(look, 20); };"
+                    " document.querySelector('[aria-label=\"Landing call L1\"]').click(); look(); })"
                 )
+                assert "◆" in marked
+                assert "was " in marked
                 await tab.value(
                     "[...document.querySelectorAll('.switch')].find(b => b.innerText.includes('Too much')).click()"
                 )
