@@ -148,6 +148,16 @@ class ContradictingLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class DisconnectedSignal:
+    """The wires of one signal are off their terminals: its bits read 0, and with them any other signal at the same points.
+
+    The lift itself is not affected.
+    """
+
+    signal: str
+
+
+@dataclass(frozen=True, slots=True)
 class FrozenRegisters:
     """All values read stand still, including the heartbeat, while the lift runs on and writes take effect."""
 
@@ -226,6 +236,7 @@ RegisterFault = (
     SaysWrongFloor
     | FloorAhead
     | ContradictingLimits
+    | DisconnectedSignal
     | FrozenRegisters
     | FrozenHeartbeat
     | Stopped

@@ -14,6 +14,7 @@ from simulator import controller, shaft
 from simulator.cells import Cells, ExceptionReply
 from simulator.faults import (
     ContradictingLimits,
+    DisconnectedSignal,
     Fault,
     FloorAhead,
     ForeignCell,
@@ -50,6 +51,7 @@ class RegisterFaults:
 
     def __init__(self, codec: Codec, codes: Sequence[int], cells: Cells) -> None:
         self.present: frozenset[Fault] = frozenset()
+        self._codec = codec
         self.foreign = ForeignWriters(codec, tuple(codes), cells)
         self.is_off_network = False
         """The device is not on its network."""
@@ -70,10 +72,12 @@ class RegisterFaults:
         """Count of a frozen heartbeat."""
 
     def begin(self, fault: Fault, now: float, shown: ShownRegisters) -> None:
-        """Begin a fault; `shown` are the values at that moment. Raises ValueError for an impossible foreign writer."""
+        """Begin a fault; `shown` are the values at that moment. Raises ValueError for one that this map cannot have."""
         match fault:
             case ForeignWriter() | ForeignCell():
                 self.foreign.begin(fault, now)
+            case DisconnectedSignal():
+                self._check_signal(fault)
             case FrozenRegisters():
                 self._cells.freeze()
             case IgnoredWrites(stored=True):
@@ -143,7 +147,17 @@ class RegisterFaults:
         self.is_stopped = _any(faults, Reboot, Stopped)
         self.ignores_writes = _any(faults, IgnoredWrites)
         self.drops_writes = IgnoredWrites(stored=False) in faults
-        self.is_falsified = _any(faults, SaysWrongFloor, FloorAhead, ContradictingLimits, FrozenHeartbeat, Stopped)
+        self.is_falsified = _any(
+            faults, SaysWrongFloor, FloorAhead, ContradictingLimits, DisconnectedSignal, FrozenHeartbeat, Stopped
+        )
+
+    def _check_signal(self, fault: DisconnectedSignal) -> None:
+        source = self._codec.map
+        wired = [name for name in self._codec.signals if name not in source.derived]
+        if fault.signal not in wired:
+            raise ValueError(
+                f"{source.name} has no wire for a signal {fault.signal}; it has {', '.join(wired) or 'none'}"
+            )
 
 
 def _any(faults: frozenset[Fault], *kinds: type) -> bool:
@@ -163,7 +177,8 @@ def falsify_registers(shown: ShownRegisters, faults: frozenset[Fault], floors: i
     for fault in faults:
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
-    return ShownRegisters(picture, shown.beat, FalseSignals(floor_between=ahead, contradicting=sides))
+    disconnected = frozenset(fault.signal for fault in faults if isinstance(fault, DisconnectedSignal))
+    return ShownRegisters(picture, shown.beat, FalseSignals(ahead, sides, disconnected))
 
 
 def _leaves(picture: ShownState) -> bool:

@@ -167,7 +167,7 @@ class RegisterFace:
     def begin(self, fault: Fault, now: float) -> None:
         """Begin a fault; one that is present stays as it is.
 
-        Raises ValueError for a foreign writer that this map cannot have.
+        Raises ValueError for a foreign writer or a signal that this map cannot have.
         """
         self.advance(now)
         if fault in self.faults:

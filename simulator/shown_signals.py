@@ -28,6 +28,8 @@ class FalseSignals:
     """The floor shows between two floors too, where each floor has a switch of its own."""
     contradicting: frozenset[Side] = frozenset()
     """Doors that report open and closed at once."""
+    disconnected: frozenset[str] = frozenset()
+    """Signals of which all bits read 0."""
 
 
 NO_FALSE_SIGNALS = FalseSignals()
@@ -84,6 +86,10 @@ class ShownSignals:
                 _insert(image, places, raw)
         for side in false_signals.contradicting:
             self._contradict(image, side)
+        if false_signals.disconnected:
+            for signal, places in self._signals:
+                if signal.name in false_signals.disconnected:
+                    _insert(image, places, 0)
 
     def _value(self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals) -> Value:
         match signal.kind:

@@ -6,10 +6,11 @@ from itertools import pairwise
 import pytest
 
 from lift_manager.lab.plant import simulated_lift
-from register_maps.words import Door, Motion, Side, Table
+from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator.controller import Inputs, Parameters
 from simulator.faults import (
     ContradictingLimits,
+    DisconnectedSignal,
     Fault,
     FloorAhead,
     ForeignCell,
@@ -530,6 +531,35 @@ def test_a_foreign_writer_that_cannot_be_is_refused_and_changes_nothing(
         begun(lift, fault)
     assert lift.face.faults == frozenset()
     assert lift.after(5).destination is None
+
+
+@each_row(
+    ("map_name", "table", "address", "bit", "signal"),
+    [
+        # closed while all is well
+        ("generic-coils", DISCRETE, 25, 0, "fire"),
+        ("generic-registers", HOLDING, 5, 0, "fire"),
+        ("generic-coils", DISCRETE, 18, 0, "level"),
+    ],
+)
+def test_a_signal_whose_wire_is_off_reads_0_and_its_neighbours_do_not(
+    map_name: str, table: Table, address: int, bit: int, signal: str
+) -> None:
+    lift = faced(map_name, (1, 2) if map_name == "generic-registers" else (0, 1))
+    (before,) = lift.read(table, address)
+    assert before >> bit & 1
+    begun(lift, DisconnectedSignal(signal))
+    assert lift.read(table, address) == [before & ~(1 << bit)]
+    assert lift.after(1.0).mode is Mode.NORMAL
+    ended(lift, DisconnectedSignal(signal))
+    assert lift.read(table, address) == [before]
+
+
+def test_a_signal_that_the_map_does_not_have_cannot_be_disconnected() -> None:
+    lift = faced("generic-registers", (1, 2))
+    with pytest.raises(ValueError, match="generic-registers has no wire for a signal smoke; it has alive, car_floor"):
+        begun(lift, DisconnectedSignal("smoke"))
+    assert lift.face.faults == frozenset()
 
 
 # -- the watchdog, present or absent

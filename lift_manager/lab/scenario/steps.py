@@ -10,8 +10,9 @@ from lift_manager.lab.scenario.matching import Match, read_match
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import ACTIONS, STEP_KEY_NEEDS, Scenario, Step
 from lift_manager.lab.scenario.trace import TracedLift
+from lift_manager.lab.world.fault_names import fault_name
 from register_maps.source import KeyPath
-from simulator.faults import Fault, ForeignCell, ForeignWriter
+from simulator.faults import DisconnectedSignal, Fault, ForeignCell, ForeignWriter
 from simulator.people import Traffic
 
 
@@ -153,8 +154,8 @@ def _check_parts(parts: Parts, path: KeyPath, known: TracedLift, mistakes: Mista
     if parts.wire is not None and parts.wire.controller not in (None, *known.controllers):
         message = f"no controller {parts.wire.controller!r}; there is {', '.join(known.controllers)}"
         mistakes.add((*path, "wire", "controller"), message)
-    if isinstance(parts.fault, ForeignCell) and (objection := known.objection(parts.fault)):
-        mistakes.add((*path, "fault", "foreign_cell"), objection)
+    if isinstance(parts.fault, ForeignCell | DisconnectedSignal) and (objection := known.objection(parts.fault)):
+        mistakes.add((*path, "fault", fault_name(parts.fault)), objection)
     if not isinstance(parts.fault, ForeignWriter):
         return
     here: KeyPath = (*path, "fault", "foreign_writer")

@@ -227,7 +227,12 @@ KINDS: Mapping[str, Kind] = {
         fields={
             "fault": _words(
                 dict.fromkeys(
-                    (*(fault_name(fault) for fault in every_device_fault()), "foreign_writer", "foreign_cell")
+                    (
+                        *(fault_name(fault) for fault in every_device_fault()),
+                        "disconnected_signal",
+                        "foreign_writer",
+                        "foreign_cell",
+                    )
                 ),
                 "as under `fault:`",
             ),

@@ -28,6 +28,7 @@ NOT_OF_PEOPLE = {"commands", "signs_of_life", "faults"}
 
 NEEDED: dict[str, Json] = {
     "in_mode": {"mode": "inspection"},
+    "disconnected_signal": {"signal": "fire"},
     "foreign_writer": {"command": "go_to", "floor": "L3"},
     "foreign_cell": {"table": "holding", "address": 17, "value": 1},
     "answer_with_exception": {"code": 4},
@@ -160,6 +161,12 @@ def test_the_list_of_faults_is_that_of_the_lab_with_the_values_that_each_needs()
         ("faults/begin", {"name": "delay", "values": {"seconds": -1}}, 400, "seconds"),
         ("faults/begin", {"name": "in_mode", "values": {"mode": "normal"}}, 400, "in_mode"),
         ("faults/begin", {"name": "foreign_writer", "values": {"command": "fly"}}, 400, "fly"),
+        (
+            "faults/begin",
+            {"name": "disconnected_signal", "values": {"signal": "smoke"}},
+            400,
+            "no wire for a signal smoke",
+        ),
         ("faults/end", {"name": "delay", "values": {"seconds": 1}}, 400, "is not on the wire"),
         ("faults/end", {"name": "stuck_door"}, 400, "has not begun"),
     ],

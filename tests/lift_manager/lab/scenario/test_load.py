@@ -50,6 +50,7 @@ def only(folder: Path, text: str) -> str:
         ("{at: 1, fault: {foreign_writer: {command: go_to, floor: X}}}", "no floor 'X'; there is L1, L2, L3, L4"),
         ("{at: 1, fault: {foreign_cell: {table: input, address: 0, value: 1}}}", "input:0 cannot be written"),
         ("{at: 1, fault: {foreign_cell: {table: holding, address: 99, value: 1}}}", "answers a write of 1"),
+        ("{at: 1, fault: {disconnected_signal: {signal: smoke}}}", "no wire for a signal smoke"),
         ("{at: 1, wire: {delay: -1}}", "seconds -1.0, allowed 0 s or more"),
         ("{at: 1, wire: {delay: soon}}", "do[0].wire.delay.seconds: must be a number, not the text 'soon'"),
         ("{at: 1, wire: {delay: 1, on: {access: reads}}}", "do[0].wire.on: is `only` in a scenario"),

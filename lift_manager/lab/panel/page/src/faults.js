@@ -98,6 +98,7 @@ function Value({ name, schema, lift, needed, onTyped }) {
 /** Values that depend on the lift. */
 function choicesOf(name, lift) {
   if (name === "command") return lift.registers.filter((register) => register.is_command).map((register) => register.name);
+  if (name === "signal") return lift.registers.filter((register) => !register.is_command).map((register) => register.name);
   if (name === "floor") return lift.floors;
   return name === "endpoint" ? Object.keys(lift.controllers) : undefined;
 }
