@@ -117,6 +117,8 @@ ROUTES: tuple[Route, ...] = (
     Route(_POST, f"{_RIDE}/left", AccessLevel.COMMAND, LiftIn.BODY),
     Route(_POST, f"{_RIDE}/here", AccessLevel.COMMAND, LiftIn.BODY),
     Route(_POST, f"{_RIDE}/cancel", AccessLevel.COMMAND, LiftIn.BODY),
+    Route(("GET", "POST"), "/api/v1/login", AccessLevel.READ),
+    Route(_POST, "/api/v1/logout", AccessLevel.READ),
     Route(_GET, "/api/v1/events", AccessLevel.READ),
     Route(_GET, "/api/v1/links", AccessLevel.COMMISSION),
     Route(_GET, "/api/v1/links/{link:path}/frames", AccessLevel.COMMISSION),

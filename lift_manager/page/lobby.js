@@ -10,10 +10,10 @@ class Lobby extends Component {
     this.props.store.subscribe(() => this.forceUpdate());
   }
 
-  render({ store, api, texts, logIn, name }) {
+  render({ store, api, texts, onAccount, name }) {
     const { t } = texts;
     const record = store.record(name);
-    if (store.connection === "login") return html`<main><${Login} api=${api} texts=${texts} logIn=${logIn} /></main>`;
+    if (store.connection === "login") return html`<main><${Login} api=${api} texts=${texts} onAccount=${onAccount} /></main>`;
     if (record === undefined) return html`<main class="unknown"><p class="message">${store.order.length ? t("lobby.no_such_lift") : t("lobby.unknown")}</p></main>`;
     const { shown: lift, capabilities } = record;
     const { key, tone, values } = message(lift, store.ridesOf(name));
@@ -26,7 +26,7 @@ class Lobby extends Component {
   }
 }
 
-const { api, store, texts, logIn } = await start();
+const { api, store, texts, onAccount } = await start();
 const name = decodeURIComponent(location.pathname.replace(/\/$/, "").split("/").pop());
 document.title = `${texts.t("title")}: ${name}`;
-render(html`<${Lobby} store=${store} api=${api} texts=${texts} logIn=${logIn} name=${name} />`, document.body);
+render(html`<${Lobby} store=${store} api=${api} texts=${texts} onAccount=${onAccount} name=${name} />`, document.body);

@@ -5,6 +5,6 @@ import { start } from "./src/start.js";
 import { Login } from "./src/login.js";
 import { html, render } from "./vendor/htm-preact.js";
 
-const { api, store, texts, logIn } = await start();
+const { api, store, texts, onAccount } = await start();
 document.title = texts.t("title");
-render(html`<${App} store=${store} api=${api} texts=${texts} logIn=${logIn} Login=${Login} wall />`, document.body);
+render(html`<${App} store=${store} api=${api} texts=${texts} onAccount=${onAccount} Login=${Login} wall />`, document.body);

@@ -13,12 +13,13 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lift_manager.api.keys import KeyRing, Keys, redacted
+from lift_manager.api.logins import Logins
 from lift_manager.api.roles import ROUTES, Route
 from lift_manager.plain.version import running_version
 from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
-from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
+from lift_manager.web import health, lifts, login, people, rides, rmf, sessions, workshop_docs
 from lift_manager.web.authenticator import Authenticator
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.direct_routes import DirectRoutes
@@ -66,7 +67,7 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
         description=DESCRIPTION,
         openapi_tags=[
             {"name": section.TAG, "description": section.TAG_DESCRIPTION}
-            for section in (workshop_docs, lifts, rides, sessions, rmf, events, people, health)
+            for section in (workshop_docs, lifts, rides, sessions, rmf, events, people, login, health)
         ],
         docs_url=None,  # FastAPI's own pages load their scripts from the internet
         redoc_url=None,
@@ -80,11 +81,14 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     app.add_exception_handler(RequestRefused, _refuse)
     keys = keys or KeyRing()
     app.state.site, app.state.keys, app.state.simulated = site, keys, frozenset(simulated)
+    logins = app.state.logins = Logins(keys)
     app.state.streams = events.Streams(site, frames, streams or streams_limit())
     app.state.max_age_s = {name: site.config(name).capabilities.max_age_s for name in site.lift_names()}
     workshop = workshop_router(site)
     app.add_middleware(DirectRoutes, routes=workshop.routes, refuse=_refuse)
-    app.add_middleware(Authenticator, routes=routes, keys=keys, note=site.turned_away, host_names=host_names)
+    app.add_middleware(
+        Authenticator, routes=routes, logins=logins, keys=keys, note=site.turned_away, host_names=host_names
+    )
     app.add_middleware(LastResort)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
     add_docs(app)
@@ -95,6 +99,7 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     app.include_router(rmf.router)
     app.include_router(rides.router)
     app.include_router(people.router)
+    app.include_router(login.router)
     app.include_router(events.router)
     app.include_router(health.health_router(site))
     app.include_router(health.metrics_router(metrics))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 import logging
 import re
 import time
@@ -14,13 +15,14 @@ from starlette.routing import compile_path
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from lift_manager.api.keys import Key, Keys, Secret, holds_key
+from lift_manager.api.logins import Login, Logins
 from lift_manager.api.roles import AccessLevel, LiftIn, Route, refusal
 from lift_manager.runtime.refusals import FaceRefusal
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.errors import RequestError
-from lift_manager.web.origin import names_unknown_host
+from lift_manager.web.origin import is_from_another_site, names_unknown_host
 from lift_manager.web.query import named_lifts
-from lift_manager.web.replies import error_reply, is_workshop, not_found, wrong_method
+from lift_manager.web.replies import error_reply, is_api, is_workshop, not_found, wrong_method
 
 KEY_IN_ADDRESS = (
     "the address holds what looks like a key; addresses are written down on the way here, so revoke that key, and send the next"
@@ -33,9 +35,18 @@ UNKNOWN_HOST = (
 )
 NO_KEY = "a key is needed: send it in the header `Authorization: Bearer lm_...`; `lift-manager keys make` makes one"
 BAD_KEY = "this key does not count here: it may be mistyped, revoked, or of another site"
+LOGIN_OVER = "this login is over: it was too long ago, its key was revoked or changed, somebody logged out, or the manager was started again; log in"
+LOGIN_FROM_ANOTHER_SITE = "a web page of another site sent the request with somebody's login"
+CSRF_NEEDED = (
+    "a login is not enough to change something: send the `csrf` of `GET /api/v1/login` in the header `x-csrf-token`, or a key in the"
+    " header `Authorization`, and no cookie"
+)
+CSRF_HEADER = "x-csrf-token"
+_READING = frozenset({"GET", "HEAD", "OPTIONS"})
 _BEARER = re.compile("bearer( |$)", re.IGNORECASE)
 _CHALLENGE = 'Bearer realm="lift-manager"'
 _CALLER = "lift_manager.caller"
+_LOGIN = "lift_manager.login"
 MAX_LOGGED_REFUSALS = 10
 REFUSAL_WINDOW_S = 60.0
 """Chosen: a client with a wrong key polls for weeks, so at most ten lines a minute, one per address and reason."""
@@ -47,6 +58,18 @@ def caller_key(request: Request) -> Key | None:
     """Return the key that a request was authenticated with; None if it needed none."""
     key: Key | None = request.scope.get(_CALLER)
     return key
+
+
+def caller_login(request: Request) -> Login | None:
+    """Return the login that a request was authenticated with; None if it was by a key, or if it needed none."""
+    login: Login | None = request.scope.get(_LOGIN)
+    return login
+
+
+def cookie_name(scope: Scope) -> str:
+    """Return the name of the cookie of a login. A browser sends cookies to every port of a host, where other managers may listen."""
+    _, port = scope.get("server") or ("", None)
+    return f"lift-manager-{port}"
 
 
 def face_refusal(request: Request, code: str, text: str, lift: str) -> FaceRefusal:
@@ -63,6 +86,7 @@ class Authenticator:
         self,
         app: ASGIApp,
         routes: Sequence[Route],
+        logins: Logins,
         keys: Keys,
         note: Callable[[FaceRefusal], None],
         host_names: Collection[str] = (),
@@ -71,6 +95,7 @@ class Authenticator:
         self._app = app
         self._host_names = frozenset(name.lower() for name in host_names)
         self._keys = keys
+        self._logins = logins
         self._note = note
         self._routes = [(compile_path(route.path)[0], route) for route in routes]
         self._known = {
@@ -132,6 +157,8 @@ class Authenticator:
         sent = headers.getlist("authorization")
         if not self._keys.are_required and not any(map(_BEARER.match, sent)):
             return None
+        if not sent and is_api(scope["path"]) and (tokens := _login_tokens(scope, headers)):
+            return self._check_login(scope, headers, tokens)
         if not sent:
             error = RequestError("key_needed", NO_KEY, headers={"www-authenticate": _CHALLENGE})
             raise self._refuse(scope, error, "it has no key")
@@ -141,6 +168,21 @@ class Authenticator:
         challenge = f'{_CHALLENGE}, error="invalid_token"'
         error = RequestError("bad_key", BAD_KEY, headers={"www-authenticate": challenge})
         raise self._refuse(scope, error, "its key does not count")
+
+    def _check_login(self, scope: Scope, headers: Headers, tokens: Sequence[str]) -> Key:
+        """Return the key of a login, and store the login in the scope. Raises RequestError if it does not count for this request."""
+        login = self._logins.find(Secret(tokens[0])) if len(tokens) == 1 else None
+        if login is None:
+            error = RequestError("login_over", LOGIN_OVER, headers={"www-authenticate": _CHALLENGE})
+            raise self._refuse(scope, error, "its login is over")
+        if is_from_another_site(Request(scope)):
+            error = RequestError("another_site", f"{LOGIN_FROM_ANOTHER_SITE}; only this manager's own pages may")
+            raise self._refuse(scope, error, LOGIN_FROM_ANOTHER_SITE, key=login.key)
+        sent = headers.get(CSRF_HEADER, "")
+        if scope["method"] not in _READING and not hmac.compare_digest(sent.encode(), login.csrf.encode()):
+            raise self._refuse(scope, RequestError("csrf_token", CSRF_NEEDED), "without a CSRF token", key=login.key)
+        scope[_LOGIN] = login
+        return login.key
 
     def _refuse(
         self, scope: Scope, error: RequestError, why: str, *, key: Key | None = None, lifts: Sequence[str] = ()
@@ -168,6 +210,13 @@ def _lifts_of(route: Route, lift: str, scope: Scope, key: Key) -> tuple[str, ...
             return key.lifts  # the route checks the lift itself
         case None:
             return ()
+
+
+def _login_tokens(scope: Scope, headers: Headers) -> list[str]:
+    """Return the values of all cookies with the name of a login."""
+    name = cookie_name(scope)
+    pairs = (pair.strip().partition("=") for line in headers.getlist("cookie") for pair in line.split(";"))
+    return [value for found, _, value in pairs if found == name]
 
 
 def _has_body(scope: Scope) -> bool:

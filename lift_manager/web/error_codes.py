@@ -121,6 +121,16 @@ WEB_CODES: Mapping[str, Code] = {
         "Send it in the header `Authorization: Bearer lm_...`; `lift-manager keys make` makes one.",
     ),
     "bad_key": Code(401, "The key is not valid here", "It is mistyped, revoked, or of another site."),
+    "login_over": Code(
+        401,
+        "The login is over",
+        "It was too long ago, its key was revoked or changed, somebody logged out, or the manager was started again: log in.",
+    ),
+    "csrf_token": Code(
+        403,
+        "A login alone changes nothing",
+        "Send the `csrf` of `GET /api/v1/login` in the header `x-csrf-token`. Programs send a key and no cookie.",
+    ),
     "not_allowed": Code(403, "The key may not do this", "Its role is another, or it does not name the lift."),
     "another_site": Code(
         403,

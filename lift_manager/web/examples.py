@@ -18,8 +18,10 @@ from lift_manager.api.lifts import (
     Signal,
     Signals,
 )
+from lift_manager.api.logins import LoginAnswer
 from lift_manager.api.rides import Plan, Ride, Rides
 from lift_manager.api.rmf import RmfAccepted, RmfAlarms, RmfHolder, RmfLiftAnswer, RmfSiteAnswer
+from lift_manager.api.roles import Role
 from lift_manager.api.sessions import Command, Session
 from lift_manager.lift.commands import CommandState, CommandType
 from lift_manager.lift.observation import RobotDoor
@@ -207,3 +209,6 @@ _RMF_LIFT = RmfLiftAnswer(
 _ALARMS = RmfAlarms(fire_alarm=False, emergency_signal=False, emergency_fleets=(), clear_on_acknowledge=False)
 RMF_SITE = RmfSiteAnswer(boot="18c2f3a90b", event=412, lifts=(_RMF_LIFT,), end_grace_s=3.0, alarms=_ALARMS)
 RMF_TAKEN = RmfAccepted(boot="18c2f3a90b", event=413)
+LOGIN = LoginAnswer(
+    key="desk", role=Role.OPERATOR, csrf="Wm1yq0cQ2n1o9n4gV0i8sJ8Yy3cXo6m0bqkq3l2vT5E", ends_in_s=43200.0
+)

@@ -14,6 +14,7 @@ from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.api.roles import ROLES, AccessLevel, Role, Route
 from lift_manager.lift.config import LIFT_NAME
 from lift_manager.web import examples
+from lift_manager.web.authenticator import CSRF_HEADER
 from lift_manager.web.error_codes import CODES
 from lift_manager.web.replies import is_api, is_workshop
 from lift_manager.web.workshop_docs import ENVELOPE
@@ -98,6 +99,22 @@ _SCHEME = {
     ),
 }
 
+LOGIN_SCHEME, CSRF_SCHEME = "login", "csrf"
+_LOGIN_SCHEMES = {
+    LOGIN_SCHEME: {
+        "type": "apiKey",
+        "in": "cookie",
+        "name": "lift-manager-{port}",
+        "description": "The cookie of `POST /api/v1/login`, which stands for a key. It is named after the port of the manager.",
+    },
+    CSRF_SCHEME: {
+        "type": "apiKey",
+        "in": "header",
+        "name": CSRF_HEADER,
+        "description": "The `csrf` of `GET /api/v1/login`, beside the cookie, for requests that change something.",
+    },
+}
+
 _REFUSALS = {
     400: "This is not HTTP, or the address contains a key, where it does not belong (`key_in_address`).",
     403: "The site has no keys, and the request names an unknown host (`another_site`).",
@@ -106,8 +123,8 @@ _REFUSALS = {
 }
 
 _KEY_REFUSALS = {
-    401: "A key is needed (`key_needed`), or the one sent is mistyped, revoked or of another site (`bad_key`).",
-    403: "The key does not have the role, or does not name the lift (`not_allowed`).",
+    401: "A key is needed (`key_needed`), the one sent is mistyped, revoked or of another site (`bad_key`), or the login is over (`login_over`).",
+    403: "The key does not have the role, or does not name the lift (`not_allowed`); or a login came without its token (`csrf_token`).",
 }
 """Also, on routes that need a key."""
 
@@ -137,6 +154,7 @@ _EXAMPLES = (
     examples.PLAN,
     examples.RMF_SITE,
     examples.RMF_TAKEN,
+    examples.LOGIN,
 )
 
 
@@ -160,7 +178,7 @@ def describe_access(app: FastAPI, routes: Sequence[Route], keys: Keys, lifts: Se
                     if route is None:
                         del operations[method]
                     else:
-                        _describe(path, operations[method], route.need)
+                        _describe(method, path, operations[method], route.need)
                         _use_real_lift(operations[method], lifts)
                 if not operations:
                     del document["paths"][path]
@@ -184,7 +202,7 @@ def _without_keys(document: Document) -> Document:
 
 def _add_components(document: Document) -> None:
     components = document.setdefault("components", {})
-    components["securitySchemes"] = {SCHEME: _SCHEME}
+    components["securitySchemes"] = {SCHEME: _SCHEME, **_LOGIN_SCHEMES}
     schemas = components.setdefault("schemas", {})
     problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
     schemas |= problem.pop("$defs") | {"Problem": problem}
@@ -195,9 +213,8 @@ def _add_components(document: Document) -> None:
         schema["examples"] = [example.model_dump(mode="json", by_alias=True)]
 
 
-def _describe(path: str, operation: Document, need: AccessLevel) -> None:
-    # {}: a site without keys needs none
-    operation["security"] = [] if need is AccessLevel.NOTHING else [{SCHEME: []}, {}]
+def _describe(method: str, path: str, operation: Document, need: AccessLevel) -> None:
+    operation["security"] = [] if need is AccessLevel.NOTHING else _security(method, path)
     operation["description"] = f"{operation.get('description', '').rstrip()}\n\n{_roles_text(need)}\n"
     content = {MEDIA_TYPE: {"schema": PROBLEM}}
     if not is_api(path):
@@ -212,6 +229,12 @@ def _describe(path: str, operation: Document, need: AccessLevel) -> None:
         if status == 401:
             response["headers"] = {"WWW-Authenticate": {"schema": {"type": "string"}}}
     operation["responses"] = dict(sorted(responses.items()))
+
+
+def _security(method: str, path: str) -> list[Document]:
+    """Return what may be sent: a key; under /api a login, for changes with its token; and nothing where a site has no keys."""
+    login: Document = {LOGIN_SCHEME: []} | ({} if method == "get" else {CSRF_SCHEME: []})
+    return [{SCHEME: []}, *([login] if is_api(path) else []), {}]
 
 
 def _use_real_lift(operation: Document, lifts: Sequence[str]) -> None:

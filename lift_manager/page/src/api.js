@@ -14,20 +14,21 @@ export class RequestFailed extends Error {
 }
 
 export class Api {
-  /** The key that a person typed: in the memory of this page and nowhere else, so that it ends with the page. */
-  #key = "";
+  /** As whom this browser acts: `{key, role, csrf}`, all null where the site has no keys; null while that is not known. */
+  account = null;
 
-  setKey(key) {
-    this.#key = key;
+  /** Exchange a key for a login of this browser. The key is not kept; the cookie that stands for it is out of reach of scripts. */
+  async logIn(key) {
+    this.account = (await this.send("POST", "login", { headers: { Authorization: `Bearer ${key}` } })).body;
   }
 
-  get hasKey() {
-    return this.#key !== "";
+  async logOut() {
+    await this.post("logout");
+    this.account = null;
   }
 
-  /** The headers of every request. */
-  headers() {
-    return this.#key ? { Authorization: `Bearer ${this.#key}` } : {};
+  async askAccount() {
+    this.account = await this.get("login");
   }
 
   url(path) {
@@ -36,7 +37,7 @@ export class Api {
 
   /** Returns `{status, body, headers}`; a 304 has no body. Throws RequestFailed. */
   async send(method, path, { body, headers = {}, signal } = {}) {
-    const sent = { ...this.headers(), ...headers };
+    const sent = { ...headers };
     if (body !== undefined) sent["Content-Type"] = "application/json";
     let response;
     try {
@@ -45,13 +46,14 @@ export class Api {
         headers: sent,
         body: body === undefined ? undefined : JSON.stringify(body),
         cache: "no-store",
-        credentials: "omit",
+        credentials: "same-origin",
         signal: signal ?? AbortSignal.timeout(GIVE_UP_MS),
       });
     } catch (error) {
       throw new RequestFailed(0, "unreachable", String(error));
     }
     if (response.status === 304) return { status: 304, body: null, headers: response.headers };
+    if (response.status === 401) this.account = null;
     const answer = await response.json().catch(() => null);
     if (!response.ok || answer === null) {
       throw new RequestFailed(response.status, answer?.code ?? "http_error", answer?.detail ?? response.statusText);
@@ -63,8 +65,22 @@ export class Api {
     return (await this.send("GET", path)).body;
   }
 
+  /** Send a change, with the token of the login. */
   async post(path, body) {
-    return (await this.send("POST", path, { body })).body;
+    if (this.account === null) await this.askAccount();
+    try {
+      return (await this.#change(path, body)).body;
+    } catch (error) {
+      if (error.code !== "csrf_token") throw error;
+      // another tab has logged in, and this browser has its cookie
+      await this.askAccount();
+      return (await this.#change(path, body)).body;
+    }
+  }
+
+  #change(path, body) {
+    const { csrf } = this.account;
+    return this.send("POST", path, { body, headers: csrf === null ? {} : { "x-csrf-token": csrf } });
   }
 }
 

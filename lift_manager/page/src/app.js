@@ -27,7 +27,7 @@ export class App extends Component {
     this.leave();
   }
 
-  render({ store, api, texts, logIn, Login, Account, Actions, wall = false }, { open, table }) {
+  render({ store, api, texts, onAccount, Login, Account, Actions, wall = false }, { open, table }) {
     const { t } = texts;
     const records = store.records();
     const onOpen = wall ? null : (name) => this.setState({ open: name });
@@ -40,11 +40,11 @@ export class App extends Component {
           <button aria-pressed=${table ? "true" : "false"} onClick=${() => this.#showTable(!table)}>${t("view.table")}</button>
           <${Languages} texts=${texts} />
           <a href="docs">${t("nav.api")}</a>
-          ${Account && html`<${Account} api=${api} texts=${texts} logIn=${logIn} />`}
+          ${Account && html`<${Account} api=${api} texts=${texts} connection=${store.connection} onAccount=${onAccount} />`}
         </nav>`}
       </header>
       <main>
-        ${store.connection === "login" && html`<${Login} api=${api} texts=${texts} logIn=${logIn} />`}
+        ${store.connection === "login" && html`<${Login} api=${api} texts=${texts} onAccount=${onAccount} />`}
         ${records.length === 0 && store.connection !== "login" && html`<p class="empty">${t(`connection.${store.connection}`)}</p>`}
         ${table && !wall
           ? html`<${LiftTable} records=${records} texts=${texts} onOpen=${onOpen} />`

@@ -84,9 +84,9 @@ export class Feed {
   }
 
   async #read(signal) {
-    const headers = { ...this.#api.headers(), Accept: "text/event-stream" };
+    const headers = { Accept: "text/event-stream" };
     if (this.#lastId) headers["Last-Event-ID"] = this.#lastId;
-    const response = await fetch(this.#api.url("events"), { headers, signal, cache: "no-store", credentials: "omit" });
+    const response = await fetch(this.#api.url("events"), { headers, signal, cache: "no-store", credentials: "same-origin" });
     if (!response.ok) {
       const problem = await response.json().catch(() => null);
       throw new RequestFailed(response.status, problem?.code ?? "http_error", problem?.detail ?? "");

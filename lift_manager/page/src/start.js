@@ -5,17 +5,16 @@ import { Feed } from "./feed.js";
 import { Store } from "./store.js";
 import { loadTexts } from "./texts.js";
 
-/** Returns `{api, store, texts, logIn}` with the feed running. */
+/** Returns `{api, store, texts, onAccount}` with the feed running. */
 export async function start() {
   const texts = await loadTexts();
   const [api, store] = [new Api(), new Store()];
   const feed = new Feed(api, store);
-  feed.start();
-  /** Use this key from now on; empty to forget the one in use, and all that was read with it. */
-  const logIn = (key) => {
-    api.setKey(key);
+  /** Forget all that was read, and read it again as whoever is logged in now. */
+  const onAccount = () => {
     store.clear();
     feed.reconnect();
   };
-  return { api, store, texts, logIn };
+  feed.start();
+  return { api, store, texts, onAccount };
 }

@@ -15,7 +15,7 @@ from lift_manager.api.keys import Keys
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
-from lift_manager.web.authenticator import caller_key
+from lift_manager.web.authenticator import caller_key, caller_login
 from lift_manager.web.body import quoted
 from lift_manager.web.callers import ServedSite, forbid_other_computer
 from lift_manager.web.errors import RequestError
@@ -196,6 +196,9 @@ async def frames(
 
 
 def _key_check(request: Request) -> Callable[[], bool]:
-    """Return a function that checks whether the key of the caller is still valid."""
+    """Return a function that checks whether the login or the key of the caller is still valid."""
+    login, logins = caller_login(request), request.app.state.logins
+    if login is not None:
+        return partial(logins.is_live, login)
     keys: Keys = request.app.state.keys
     return partial(keys.admits, caller_key(request))

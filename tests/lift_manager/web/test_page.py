@@ -164,19 +164,35 @@ def test_an_operator_locks_a_lift_out_only_after_saying_where_they_stood(tmp_pat
 
 
 @pytest.mark.external("chromium")
-def test_a_site_with_keys_is_shown_to_whoever_types_one_and_to_nobody_after_a_reload(tmp_path: Path) -> None:
+def test_a_browser_logs_in_once_and_acts_as_its_key_until_it_logs_out(tmp_path: Path) -> None:
     async def use() -> None:
-        app = make_app(FakeSite(), ring(Role.VIEWER, open_without_keys=False))
+        site = FakeSite()
+        app = make_app(site, ring(Role.OPERATOR, open_without_keys=False))
         async with chromium(tmp_path) as tab, serving(app) as port:
-            await tab.open(f"http://127.0.0.1:{port}/?lang=en")
-            for typed, seen in (("no key", "This key is not valid here."), (key(Role.VIEWER), "Nobody holds it")):
-                await tab.until("document.querySelector('.login input')")
-                await tab.value("document.querySelector('.login input').focus()")
+            base = f"http://127.0.0.1:{port}"
+            await tab.open(f"{base}/?lang=en")
+            for typed, seen in (("no key", "This key is not valid here."), (key(Role.OPERATOR), "Nobody holds it")):
+                await tab.until("document.activeElement.matches('.login input')")
                 await tab.type(typed)
                 await tab.press("Enter")
                 await tab.sees(seen)
-            assert await tab.value("document.querySelector('.login') === null")
-            await tab.open(f"http://127.0.0.1:{port}/?lang=en")
+            await tab.sees("Logged in as the operator")
+            for path in ("/wall", "/lobby/lift", "/"):
+                await tab.open(f"{base}{path}?lang=en")
+                await tab.until("document.querySelector('.card, .message') && !document.querySelector('.login')")
+            # scripts cannot read it, and nothing of it is stored
+            kept = "document.cookie + JSON.stringify({...localStorage}) + JSON.stringify({...sessionStorage})"
+            assert "lift-manager-" + str(port) not in await tab.value(kept)
+            assert "lm_" not in await tab.value(kept)
+            lockout = "m.post('lifts/lift/drain', {by: 'M. Weber', reason: 'update'})"
+            assert await tab.value(
+                f"import('/page/src/api.js').then(({{Api}}) => {{ const m = new Api(); return {lockout} }})"
+            )
+            assert site.decisions == [("begin_drain", "lift", "M. Weber (key the operator)", "update")]
+            await tab.sees("Log out")
+            await tab.value("[...document.querySelectorAll('nav button')].find(b => b.innerText === 'Log out').click()")
+            await tab.until("document.querySelector('.login input')")
+            await tab.open(f"{base}/wall?lang=en")
             await tab.until("document.querySelector('.login input')")
             assert await tab.value("document.querySelectorAll('.card').length") == 0
 
