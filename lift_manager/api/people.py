@@ -23,11 +23,20 @@ Now = Annotated[
     ),
 ]
 
+StoodAtLift = Annotated[
+    bool,
+    Field(
+        description="The person says: I stood at the lift and looked. The journal has it beside the name. The manager's page takes no"
+        " acknowledgement, no lockout and no end of one without it."
+    ),
+]
+
 
 class AcknowledgeRequest(RequestModel):
     """Acknowledge that the lift was checked after a fire, or that no robot is in the car."""
 
     by: Name
+    stood_at_lift: StoodAtLift = False
 
 
 class LockoutRequest(RequestModel):
@@ -36,12 +45,14 @@ class LockoutRequest(RequestModel):
     by: Name
     reason: Reason
     now: Now = False
+    stood_at_lift: StoodAtLift = False
 
 
 class EndLockoutRequest(RequestModel):
     """End the lockout: robots may command the lift again."""
 
     by: Name
+    stood_at_lift: StoodAtLift = False
 
 
 class DrainRequest(RequestModel):

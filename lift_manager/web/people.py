@@ -74,7 +74,9 @@ async def acknowledge(
     While a session may have left its robot in the car, all others are refused as well. This acknowledges both. It is refused while the
     lift still reports a fire, and while it cannot be read.
     """
-    return await _with_recorded(site, lift, AcknowledgedAnswer.of(site.acknowledge(lift, _signature(request, body.by))))
+    return await _with_recorded(
+        site, lift, AcknowledgedAnswer.of(site.acknowledge(lift, _signature(request, body.by, body.stood_at_lift)))
+    )
 
 
 @_action(
@@ -88,7 +90,7 @@ async def lock_out(lift: LiftName, request: Request, site: ServedSite, body: Loc
     A door that is held open for a robot stops inviting it at once and is released `clear_s` later (`now`: at once); everything else is
     released at once. A car that moves keeps robot mode until it stands.
     """
-    lockout = site.lock_out(lift, _signature(request, body.by), body.reason, at_once=body.now)
+    lockout = site.lock_out(lift, _signature(request, body.by, body.stood_at_lift), body.reason, at_once=body.now)
     return await _with_recorded(site, lift, LockoutAnswer.of(lift, lockout))
 
 
@@ -100,7 +102,9 @@ async def end_lockout(
 
     Only the person who made it should do so, or the one who took over the work.
     """
-    return await _with_recorded(site, lift, LockoutEndedAnswer.of(site.end_lockout(lift, _signature(request, body.by))))
+    return await _with_recorded(
+        site, lift, LockoutEndedAnswer.of(site.end_lockout(lift, _signature(request, body.by, body.stood_at_lift)))
+    )
 
 
 @_action(
@@ -140,7 +144,10 @@ async def _with_recorded(site: Site, lift: str, changed: Model) -> Model:
     return with_recorded(changed, recorded=await site.recorded(lift))
 
 
-def _signature(request: Request, by: str) -> str:
-    """Return the name of the person for the journal: as given, with the key that vouches for it."""
+def _signature(request: Request, by: str, stood_at_lift: bool = False) -> str:  # noqa: FBT001, FBT002  a field of the body
+    """Return the person for the journal: the name as given, with the key that vouches for it, and where the person says to have stood."""
     key = caller_key(request)
-    return by if key is None else f"{by} (key {key.name})"
+    known = [] if key is None else [f"key {key.name}"]
+    if stood_at_lift:
+        known.append("stood at the lift")
+    return f"{by} ({', '.join(known)})" if known else by

@@ -77,11 +77,12 @@ function Calls({ lift, capabilities, api, texts, run, busy }) {
 
 function DecisionForm({ decision, lift, api, texts, run, busy, onDone }) {
   const { t } = texts;
-  const [name, reason] = [useRef(null), useRef(null)];
+  const [name, reason, stood] = [useRef(null), useRef(null), useRef(null)];
   const submit = (event) => {
     event.preventDefault();
     const body = { by: name.current.value };
     if (decision.reason) body.reason = reason.current.value;
+    if (decision.stood) body.stood_at_lift = stood.current.checked;
     localStorage.setItem(NAME, body.by);
     run(async () => {
       const { text = "" } = await api.post(liftPath(lift.name, decision.path), body);
@@ -93,7 +94,7 @@ function DecisionForm({ decision, lift, api, texts, run, busy, onDone }) {
     <p>${t(`actions.${decision.key}.help`)}</p>
     <label>${t("actions.name")} <input ref=${name} required maxlength="64" autocomplete="name" defaultValue=${localStorage.getItem(NAME) ?? ""} /></label>
     ${decision.reason && html`<label>${t("actions.reason")} <input ref=${reason} required maxlength="200" /></label>`}
-    ${decision.stood && html`<label class="check"><input type="checkbox" required /> ${t("actions.stood")}</label>`}
+    ${decision.stood && html`<label class="check"><input ref=${stood} type="checkbox" required /> ${t("actions.stood")}</label>`}
     <button type="submit" disabled=${busy}>${t(`actions.${decision.key}`)}</button>
   </form>`;
 }

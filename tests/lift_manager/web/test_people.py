@@ -7,6 +7,8 @@ import httpx
 import pytest
 from starlette.requests import Request
 
+from lift_manager.api.keys import KeyRing
+from lift_manager.api.roles import Role
 from lift_manager.lift.journal import RowKind
 from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.web.app import make_app
@@ -14,6 +16,7 @@ from lift_manager.web.origin import is_from_this_computer
 from tests.lift_manager.runtime.ride_building import building
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import NAME, FakeSite, ask
+from tests.lift_manager.web.keyed import bearing, ring
 from tests.support.rows import each_row
 from tests.support.virtual_time import run_virtual
 
@@ -95,6 +98,28 @@ def test_a_session_that_a_person_ends_says_whose_it_was_and_what_is_left_to_do()
     }
     assert "`lift-manager ack lift --by NAME`" in text
     assert site.decisions == [("force_release", "lift", "M. Weber", "carried away")]
+
+
+STOOD = {"stood_at_lift": True}
+
+
+@each_row(("what", "body"), [("acknowledge", BY), ("lockout", LOCKOUT), ("lockout/end", BY)])
+@each_row(
+    ("keys", "said", "signed"),
+    [
+        (None, STOOD, "M. Weber (stood at the lift)"),
+        (ring(Role.OPERATOR), STOOD, "M. Weber (key the operator, stood at the lift)"),
+        (ring(Role.OPERATOR), {"stood_at_lift": False}, "M. Weber (key the operator)"),
+        (None, {}, "M. Weber"),
+    ],
+)
+def test_who_says_to_have_stood_at_the_lift_is_written_down_so(
+    what: str, body: dict[str, str], keys: KeyRing | None, said: dict[str, bool], signed: str
+) -> None:
+    site = FakeSite()
+    headers = {} if keys is None else bearing(Role.OPERATOR)
+    assert say(site, what, json=body | said, keys=keys, headers=headers).status_code == 200
+    assert site.decisions[0][2] == signed
 
 
 @every_saying
