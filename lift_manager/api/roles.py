@@ -89,6 +89,7 @@ ROUTES: tuple[Route, ...] = (
     Route(_GET, "/redoc", AccessLevel.NOTHING),
     Route(_FILE, "/redoc/{path:path}", AccessLevel.NOTHING),
     Route(_FILE, "/openapi.json", AccessLevel.NOTHING),
+    Route(_GET, "/errors", AccessLevel.NOTHING),
     Route(_GET, "/errors.md", AccessLevel.NOTHING),
     Route(_GET, "/healthz", AccessLevel.NOTHING),
     Route(_GET, "/readyz", AccessLevel.NOTHING),

@@ -37,7 +37,7 @@ DESCRIPTION = """
 Calls lifts for robots, over Modbus/TCP to the lifts' own controllers. **Not a safety component**: it can do what a
 passenger can do, and it reports what the controller reports.
 
-Errors of `/api/v1` are problem+json with a stable `code`: [all of them](errors.md).
+Errors of `/api/v1` are problem+json with a stable `code`: [all of them](errors).
 """
 INTERNAL_ERROR = "internal error; the manager's log has the details"
 

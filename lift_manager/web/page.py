@@ -1,4 +1,4 @@
-"""The operator page, the wall view and the lobby view: files of `lift_manager/page`, which use /api/v1 and nothing else."""
+"""The operator page, the wall view, the lobby view, and the page of error codes: files of `lift_manager/page`, which use /api/v1 and nothing else."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from fastapi import FastAPI
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
+
+from lift_manager.web.errors_page import error_document
 
 FOLDER = Path(__file__).parents[1] / "page"
 
@@ -43,15 +45,16 @@ class PageFiles(StaticFiles):
 def add_page(app: FastAPI) -> None:
     """Serve the page."""
     for path, name in VIEWS.items():
-        app.add_api_route(path, Document(FOLDER / name), include_in_schema=False)
+        app.add_api_route(path, Document((FOLDER / name).read_bytes()), include_in_schema=False)
+    app.add_api_route("/errors", Document(error_document().encode()), include_in_schema=False)
     app.mount("/page", PageFiles(directory=FOLDER))
 
 
 class Document:
     """The endpoint of one document. Which lift a lobby view shows is read by its script."""
 
-    def __init__(self, file: Path) -> None:
-        self._content = file.read_bytes()
+    def __init__(self, content: bytes) -> None:
+        self._content = content
 
     async def __call__(self) -> Response:
         return Response(self._content, 200, HEADERS, "text/html; charset=utf-8")

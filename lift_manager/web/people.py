@@ -62,7 +62,7 @@ def _action(path: str, summary: str, conflict: str) -> Callable[[DecoratedCallab
 
 @_action(
     "/acknowledge",
-    "The lift was checked",
+    "Acknowledge that a lift was checked",
     "The lift still reports a fire (`fire_active`), cannot be read (`offline`), or there is nothing to acknowledge"
     " (`nothing_to_acknowledge`).",
 )
@@ -81,7 +81,7 @@ async def acknowledge(
 
 @_action(
     "/lockout",
-    "Keep robots off the lift",
+    "Lock a lift out",
     "It is locked out already (`locked_out`): a second lockout does not replace the first.",
 )
 async def lock_out(lift: LiftName, request: Request, site: ServedSite, body: LockoutRequest) -> LockoutAnswer:
@@ -94,7 +94,7 @@ async def lock_out(lift: LiftName, request: Request, site: ServedSite, body: Loc
     return await _with_recorded(site, lift, LockoutAnswer.of(lift, lockout))
 
 
-@_action("/lockout/end", "Let robots on the lift again", "It is not locked out (`not_locked_out`).")
+@_action("/lockout/end", "End a lockout", "It is not locked out (`not_locked_out`).")
 async def end_lockout(
     lift: LiftName, request: Request, site: ServedSite, body: EndLockoutRequest
 ) -> LockoutEndedAnswer:
@@ -109,7 +109,7 @@ async def end_lockout(
 
 @_action(
     "/drain",
-    "Let sessions end and no new one begin",
+    "Drain a lift",
     "There is a drain already (`draining`): a second one does not replace the first.",
 )
 async def begin_drain(lift: LiftName, request: Request, site: ServedSite, body: DrainRequest) -> DrainAnswer:
@@ -121,7 +121,7 @@ async def begin_drain(lift: LiftName, request: Request, site: ServedSite, body: 
     return await _with_recorded(site, lift, DrainAnswer.of(lift, drain))
 
 
-@_action("/drain/end", "Let sessions begin again", "There is no drain (`not_draining`).")
+@_action("/drain/end", "End a drain", "There is no drain (`not_draining`).")
 async def end_drain(lift: LiftName, request: Request, site: ServedSite, body: EndDrainRequest) -> DrainEndedAnswer:
     """Ends the drain; waiting rides continue."""
     return await _with_recorded(site, lift, DrainEndedAnswer.of(site.end_drain(lift, _signature(request, body.by))))

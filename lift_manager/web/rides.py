@@ -99,7 +99,7 @@ async def rides(site: ServedSite) -> Rides:
 
 @router.post(
     "",
-    summary="Ride",
+    summary="Begin a ride",
     dependencies=[Depends(forbid_foreign_page)],
     status_code=201,
     response_model=Ride,

@@ -53,7 +53,7 @@ def lift_names(names: tuple[str, ...]) -> dict[str, Any]:
         "lift_names": {"type": "array", "items": {"type": "string"}, "description": "In the order of the site file."}
     }
     return _route(
-        summary="Which lifts are there",
+        summary="Names of the lifts",
         description="The names to use as `lift_name`. A lift that cannot be reached is listed too.",
         answer=_answer(data, {"Lifts": _yes("The lifts of this site", {"lift_names": list(names)})}),
         parameters=[],
@@ -82,7 +82,7 @@ def lift_state(names: tuple[str, ...]) -> dict[str, Any]:
         "Unknown lift": _no("The names to use are listed", _unknown_lift(names)),
     }
     return _route(
-        summary="Where is the car, and is the door open",
+        summary="Where the car is, and what its door does",
         description=STATE_TEXT,
         answer=_answer(data, examples),
         parameters=[_lift_name(names)],
@@ -112,7 +112,7 @@ def lift_request(names: tuple[str, ...]) -> dict[str, Any]:
         "Unknown lift": _no("The names to use are listed", _unknown_lift(names)),
     }
     return _route(
-        summary="Call the lift, hold its door, let go of it",
+        summary="Call, hold and release a lift",
         description=REQUEST_TEXT,
         answer=_answer({}, examples),
         parameters=[_lift_name(names)],

@@ -51,7 +51,7 @@ def make_panel(lifts: Sequence[PanelLift], manager: str | None = None) -> FastAP
     app.add_exception_handler(BenchError, _refuse)
     app.add_middleware(OwnBrowserOnly)
     app.include_router(routes.router)
-    app.add_api_route("/", Document(PAGE / "index.html"), include_in_schema=False)
+    app.add_api_route("/", Document((PAGE / "index.html").read_bytes()), include_in_schema=False)
     app.mount("/panel", PageFiles(directory=PAGE))
     app.mount("/page", PageFiles(directory=MANAGER_PAGE))  # the drawing of a shaft, and what it is drawn with
     add_docs(app)

@@ -34,7 +34,7 @@ export function Actions({ record, api, texts }) {
     try {
       setOutcome(await what());
     } catch (error) {
-      setOutcome({ failed: true, text: t("refused", { why: "" }), detail: error.message });
+      setOutcome({ failed: true, text: t("refused", { why: "" }), detail: error.message, code: error.status === 0 ? "" : error.code });
     }
     setBusy(false);
   };
@@ -46,7 +46,8 @@ export function Actions({ record, api, texts }) {
       aria-expanded=${decision === one.key ? "true" : "false"} onClick=${() => setDecision(decision === one.key ? null : one.key)}>${t(`actions.${one.key}`)}</button>`)}</div>`}
     ${decisions.filter(({ key }) => key === decision).map((one) => html`<${DecisionForm} key=${one.key} decision=${one} lift=${lift} api=${api} texts=${texts}
       run=${run} busy=${busy} onDone=${() => setDecision(null)} />`)}
-    <p role="status" class=${outcome?.failed ? "trouble warn" : "outcome"}>${outcome?.text}${outcome?.detail && html` <span lang="en">${outcome.detail}</span>`}</p>
+    <p role="status" class=${outcome?.failed ? "trouble warn" : "outcome"}>${outcome?.text}${outcome?.detail && html` <span lang="en">${outcome.detail}</span>`}
+      ${outcome?.code && html` <a href=${`errors#${outcome.code}`} target="_blank" rel="noopener">${t("refused.more")}</a>`}</p>
   </section>`;
 }
 

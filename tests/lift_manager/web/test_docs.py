@@ -149,6 +149,6 @@ def test_a_real_browser_renders_the_page_without_internet(path: str, proof: str,
     dom, log = asyncio.run(render())
     assert proof in dom
     assert "lift_request" in dom
-    assert "Call the lift, hold its door, let go of it" in dom
+    assert "Call, hold and release a lift" in dom
     assert "Refused to" not in log
     assert "violates the following Content Security Policy" not in log

@@ -1,8 +1,10 @@
 """ERRORS.md has every code that the manager and its web face can say, each with its status."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 from lift_manager.lift.refusals import Refusal
 from lift_manager.web import error_codes
@@ -47,4 +49,16 @@ def test_the_manager_serves_the_file_and_its_docs_lead_there() -> None:
     answer = ask(FakeSite(), "GET", "/errors.md")
     assert (answer.status_code, answer.text) == (200, error_table())
     assert answer.headers["content-type"].startswith("text/markdown")
-    assert "](errors.md)" in ask(FakeSite(), "GET", "/openapi.json").json()["info"]["description"]
+    assert "](errors)" in ask(FakeSite(), "GET", "/openapi.json").json()["info"]["description"]
+
+
+def test_every_code_has_a_place_on_the_page_of_errors_which_runs_no_script() -> None:
+    answer = ask(FakeSite(), "GET", "/errors")
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8")
+    page = ET.fromstring(re.sub(r"<!doctype html>|<(meta|link)[^>]*>", "", answer.text))
+    shown = {row.get("id"): "".join(row.itertext()).replace("`", "") for row in page.findall(".//tbody/tr")}
+    assert shown == {
+        code: f"{code}{said.status}{said.title}{said.text}".replace("`", "") for code, said in CODES.items()
+    }
+    assert "<script" not in answer.text
+    assert "default-src 'none'" in answer.headers["content-security-policy"]

@@ -123,6 +123,13 @@ def test_every_documented_code_is_in_the_table_with_this_status(method: str, pat
             assert f"`{code}`" in said["description"]
 
 
+def test_every_summary_is_a_few_words_and_no_two_are_the_same() -> None:
+    summaries = [said["summary"] for operations in document()["paths"].values() for said in operations.values()]
+    assert len(set(summaries)) == len(summaries) > 30
+    assert max(map(len, summaries)) <= 40
+    assert all(text[0].isupper() and text[-1].isalpha() for text in summaries)
+
+
 def test_the_document_is_valid_by_the_specification() -> None:
     assert [error.message for error in OpenAPIV31SpecValidator(document()).iter_errors()] == []
 
