@@ -26,9 +26,11 @@ export function Actions({ record, api, texts }) {
   const [outcome, setOutcome] = useState(null);
   const [decision, setDecision] = useState(null);
   const [busy, setBusy] = useState(false);
+  const status = useRef(null);
   useEffect(() => resume(api, lift.name), [lift.name]);
   /** Do it, and say what came of it in a sentence. */
   const run = async (what) => {
+    if (busy) return;
     setBusy(true);
     setOutcome({ text: t("actions.sent") });
     try {
@@ -45,8 +47,8 @@ export function Actions({ record, api, texts }) {
     ${decisions.length > 0 && html`<div class="buttons">${decisions.map((one) => html`<button type="button" key=${one.key}
       aria-expanded=${decision === one.key ? "true" : "false"} onClick=${() => setDecision(decision === one.key ? null : one.key)}>${t(`actions.${one.key}`)}</button>`)}</div>`}
     ${decisions.filter(({ key }) => key === decision).map((one) => html`<${DecisionForm} key=${one.key} decision=${one} lift=${lift} api=${api} texts=${texts}
-      run=${run} busy=${busy} onDone=${() => setDecision(null)} />`)}
-    <p role="status" class=${outcome?.failed ? "trouble warn" : "outcome"}>${outcome?.text}${outcome?.detail && html` <span lang="en">${outcome.detail}</span>`}
+      run=${run} busy=${busy} onDone=${() => { setDecision(null); status.current.focus(); }} />`)}
+    <p ref=${status} tabindex="-1" role="status" class=${outcome?.failed ? "trouble warn" : "outcome"}>${outcome?.text}${outcome?.detail && html` <span lang="en">${outcome.detail}</span>`}
       ${outcome?.code && html` <a href=${`errors#${outcome.code}`} target="_blank" rel="noopener">${t("refused.more")}</a>`}</p>
   </section>`;
 }
@@ -63,14 +65,14 @@ function Calls({ lift, capabilities, api, texts, run, busy }) {
   const holds = capabilities.commands.some((name) => name.startsWith("hold_door"));
   return html`
     <fieldset class="floors"><legend>${t("actions.call")}</legend>
-      ${[...lift.floors].reverse().map((floor) => html`<button type="button" key=${floor} disabled=${busy}
+      ${[...lift.floors].reverse().map((floor) => html`<button type="button" key=${floor} aria-disabled=${busy ? "true" : "false"}
         onClick=${() => send({ do: "go_to", floor, hold_door: hold })}>${floor}</button>`)}
       ${holds && html`<label><input type="checkbox" checked=${hold} onChange=${(event) => setHold(event.target.checked)} /> ${t("actions.and_hold")}</label>`}
     </fieldset>
     <div class="buttons">
-      ${holds && html`<button type="button" disabled=${busy} onClick=${() => send({ do: "hold_door" })}>${t("actions.hold")}</button>`}
-      ${mine && html`<button type="button" disabled=${busy} onClick=${() => send({ do: "let_go_door" })}>${t("actions.release_door")}</button>`}
-      ${mine && html`<button type="button" disabled=${busy}
+      ${holds && html`<button type="button" aria-disabled=${busy ? "true" : "false"} onClick=${() => send({ do: "hold_door" })}>${t("actions.hold")}</button>`}
+      ${mine && html`<button type="button" aria-disabled=${busy ? "true" : "false"} onClick=${() => send({ do: "let_go_door" })}>${t("actions.release_door")}</button>`}
+      ${mine && html`<button type="button" aria-disabled=${busy ? "true" : "false"}
         onClick=${() => run(async () => { await close(api, lift.name); return { text: t("actions.released") }; })}>${t("actions.release")}</button>`}
     </div>
     ${mine && html`<p class="quiet">${t("actions.mine")}</p>`}`;
@@ -96,6 +98,6 @@ function DecisionForm({ decision, lift, api, texts, run, busy, onDone }) {
     <label>${t("actions.name")} <input ref=${name} required maxlength="64" autocomplete="name" defaultValue=${localStorage.getItem(NAME) ?? ""} /></label>
     ${decision.reason && html`<label>${t("actions.reason")} <input ref=${reason} required maxlength="200" /></label>`}
     ${decision.stood && html`<label class="check"><input ref=${stood} type="checkbox" required /> ${t("actions.stood")}</label>`}
-    <button type="submit" disabled=${busy}>${t(`actions.${decision.key}`)}</button>
+    <button type="submit" aria-disabled=${busy ? "true" : "false"}>${t(`actions.${decision.key}`)}</button>
   </form>`;
 }

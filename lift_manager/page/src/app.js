@@ -12,15 +12,25 @@ const VIEW = "lift-manager-view";
 export class App extends Component {
   state = { open: null, table: new URLSearchParams(location.search).get("view") === "table" || localStorage.getItem(VIEW) === "table" };
   #due = 0;
+  #fitted = 0;
 
   componentDidMount() {
     // once for all that comes within one frame
+    if (this.props.fit) {
+      addEventListener("resize", () => this.props.fit(this.props.store.order.length));
+    }
     this.leave = this.props.store.subscribe(() => {
       this.#due ||= requestAnimationFrame(() => {
         this.#due = 0;
         this.forceUpdate();
       });
     });
+  }
+
+  componentDidUpdate() {
+    const lifts = this.props.store.order.length;
+    if (this.#fitted !== lifts) this.props.fit?.(lifts);
+    this.#fitted = lifts;
   }
 
   componentWillUnmount() {

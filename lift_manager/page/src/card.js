@@ -21,7 +21,8 @@ export class Card extends Component {
     return html`<article class=${`card tone-${worst(found)} ${known ? "" : "unknown"}`} data-lift=${lift.name}>
       <header>
         <h2>${onOpen ? html`<button class="open" onClick=${() => onOpen(lift.name)}>${title}<span class="hidden"> – ${t("card.open")}</span></button>` : title}</h2>
-        <span class=${`mode mode-${lift.mode}`}>${word("mode", lift.mode)}</span>
+        <span class="marks">${capabilities?.simulated && html`<span class="badge">${t("simulated")}</span>`}
+          <span class=${`mode mode-${lift.mode}`}>${word("mode", lift.mode)}</span></span>
       </header>
       <${Shaft} record=${record} texts=${texts} />
       <div class="facts">
@@ -34,7 +35,7 @@ export class Card extends Component {
         <p class="quiet"><${Age} record=${record} texts=${texts} /></p>
       </div>
       <${Troubles} found=${found} />
-      ${capabilities?.simulated && html`<${Simulated} texts=${texts} />`}
+      ${capabilities?.simulated && html`<div class="watermark" aria-hidden="true" data-text=${t("simulated")}></div>`}
     </article>`;
   }
 }
@@ -49,9 +50,4 @@ export function Troubles({ found }) {
   if (!found.length) return null;
   return html`<ul class="troubles">${found.map(({ tone, text, detail }) => html`<li class=${`trouble ${tone}`} key=${text}>
       <span class="sign" aria-hidden="true">${SIGNS[tone]}</span><span><strong>${text}</strong>${detail && html` <span lang="en">${detail}</span>`}</span></li>`)}</ul>`;
-}
-
-/** Over everything of a lift whose controller is a simulator. */
-export function Simulated({ texts }) {
-  return html`<p class="simulated">${texts.t("simulated")}</p>`;
 }

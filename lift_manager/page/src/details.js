@@ -2,7 +2,7 @@
 
 import { html, useEffect, useRef, useState } from "../vendor/htm-preact.js";
 import { liftPath } from "./api.js";
-import { Simulated, Troubles } from "./card.js";
+import { Troubles } from "./card.js";
 import { Age, HeldFor, useNow } from "./clock.js";
 import { doorText, duration, holder, holderName, place, troubles } from "./facts.js";
 import { grown } from "./freshness.js";
@@ -20,7 +20,7 @@ export function Details({ record, store, api, texts, Actions, onClose }) {
       <h2 id="details-title">${capabilities?.display_name || lift.name}</h2>
       <button type="button" onClick=${() => dialog.current.close()}>${t("close")}</button>
     </header>
-    ${capabilities?.simulated && html`<${Simulated} texts=${texts} />`}
+    ${capabilities?.simulated && html`<p class="simulated">${t("simulated")}</p>`}
     <${Troubles} found=${troubles(lift, texts)} />
     <div class="overview">
       <${Shaft} record=${record} texts=${texts} />

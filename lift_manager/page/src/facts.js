@@ -6,7 +6,7 @@ const QUIET_MODES = new Set(["normal", "robot"]);
 
 /** "4 s", "12 min", "3 h": a duration for people. */
 export function duration(seconds, t) {
-  if (seconds < 10) return t("time.s", { n: seconds.toFixed(1) });
+  if (seconds < 10) return t("time.s", { n: seconds.toFixed(1).replace(".", t("time.decimal")) });
   if (seconds < 120) return t("time.s", { n: Math.floor(seconds) });
   if (seconds < 7200) return t("time.min", { n: Math.floor(seconds / 60) });
   return t("time.h", { n: Math.floor(seconds / 3600) });

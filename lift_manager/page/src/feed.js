@@ -37,6 +37,13 @@ export class Feed {
     document.addEventListener("visibilitychange", () => {
       if (!document.hidden) this.reconnect();
     });
+    // a page that the browser keeps to go back to would keep its stream as well, of the six connections that a browser has to one host
+    addEventListener("pagehide", () => this.#connection.abort());
+    addEventListener("pageshow", ({ persisted }) => {
+      if (!persisted) return;
+      this.#store.distrust(performance.now());
+      this.reconnect();
+    });
     this.#stream();
   }
 

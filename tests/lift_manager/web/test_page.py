@@ -110,7 +110,7 @@ def test_a_real_browser_shows_lifts_and_says_when_one_of_them_or_the_manager_is_
             async with serving(make_app(site, simulated={"goods"})) as port:
                 await tab.open(f"http://127.0.0.1:{port}/?lang=en")
                 await tab.until("document.querySelectorAll('.card:not(.unknown)').length === 2")
-                await tab.until("document.querySelectorAll('.card .simulated').length === 1")
+                await tab.until("document.querySelectorAll('.card .watermark').length === 1")
                 site.shift(mode=Mode.FIRE)
                 await tab.sees("Fire. Robots are stopped.")
                 site.shift(quality=Quality.OFFLINE, floor=None, doors={}, mode=Mode.UNKNOWN, reason="no answer")

@@ -1,0 +1,216 @@
+"""The page for everybody: with a keyboard alone, a screen reader, a phone, on a wall, in the dark; in a real browser."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from lift_manager.api.roles import Role
+from lift_manager.web.app import make_app
+from register_maps.words import Mode
+from tests.lift_manager.web.fake import FakeSite, serving
+from tests.lift_manager.web.fake_lifts import IDLE
+from tests.lift_manager.web.keyed import ring
+from tests.lift_manager.web.listening import Happening
+from tests.support.axe_core import problems
+from tests.support.devtools import Tab, chromium
+
+pytestmark = pytest.mark.external("chromium")
+
+PHONE = {"width": 360, "height": 740}
+ACTIVE = "document.activeElement"
+CARD = "lift \N{EN DASH} details"
+"""What a screen reader says of the button that opens a lift."""
+
+
+class Shown(NamedTuple):
+    tab: Tab
+    site: Happening
+    address: str
+    """Of a site without keys: one lift in normal service, one on fire behind a simulator."""
+    locked: str
+    """Of a site with keys."""
+
+
+@asynccontextmanager
+async def shown(profile: Path) -> AsyncIterator[Shown]:
+    site = Happening({"lift": IDLE, "goods": replace(IDLE, lift="goods", mode=Mode.FIRE)})
+    async with (
+        chromium(profile) as tab,
+        serving(make_app(site, simulated={"goods"})) as port,
+        serving(make_app(FakeSite(), ring(Role.VIEWER, open_without_keys=False))) as locked,
+    ):
+        yield Shown(tab, site, f"http://127.0.0.1:{port}", f"http://127.0.0.1:{locked}")
+
+
+async def open_lockout(tab: Tab, number: int = 0) -> None:
+    """Open the form of a lockout, with the keyboard."""
+    await tab.until(f"document.querySelectorAll('.card .open')[{number}]")
+    await tab.value(f"document.querySelectorAll('.card .open')[{number}].focus()")
+    await tab.press("Enter")
+    await tab.until("document.querySelector('dialog .actions .floors') && document.querySelector('dialog tbody td')")
+    await tab_to(tab, "Lock out")
+    await tab.press("Enter")
+    await tab.until("document.querySelector('.decision input')")
+
+
+async def tab_to(tab: Tab, text: str) -> None:
+    """Press Tab until an element of this text has the focus."""
+    for _ in range(40):
+        await tab.press("Tab")
+        if await tab.value(f"{ACTIVE}.textContent") == text:
+            return
+    raise AssertionError(f"{text} cannot be reached with Tab")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_axe_finds_nothing_serious_in_any_view(theme: str, tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, _, address, locked):
+            found: dict[str, list[str]] = {}
+            await tab.look(prefers_color_scheme=theme)
+            for url, ready in (
+                (f"{address}/?lang=de", ".card .trouble"),
+                (f"{address}/?view=table", "table.lifts .badge"),
+                (f"{address}/wall", ".card .watermark"),
+                (f"{address}/lobby/lift", ".message"),
+                (f"{address}/lobby/goods", ".tone-alarm"),
+                (f"{address}/errors", "tbody tr"),
+                (f"{locked}/", ".login input"),
+                (f"{locked}/lobby/lift", ".login input"),
+            ):
+                await tab.open(url)
+                await tab.until(f"document.querySelector('{ready}')")
+                found[url] = await problems(tab)
+            await tab.open(f"{address}/?lang=en")
+            await open_lockout(tab, 1)
+            found["details"] = await problems(tab)
+            assert {url: wrong for url, wrong in found.items() if wrong} == {}
+
+    asyncio.run(use())
+
+
+def test_axe_would_find_a_field_without_a_name(tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, _, address, _):
+            await tab.open(f"{address}/errors")
+            await tab.until("document.querySelector('tbody tr')")
+            await tab.value("document.querySelector('main').append(document.createElement('input')); 0")
+            (found,) = await problems(tab)
+            assert found.startswith("label: ")
+
+    asyncio.run(use())
+
+
+def test_an_operator_needs_nothing_but_a_keyboard(tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, site, address, _):
+            await tab.open(f"{address}/?lang=en")
+            await tab.until("document.querySelectorAll('.card .open').length === 2")
+            await tab_to(tab, CARD)
+            assert await tab.value(f"{ACTIVE}.matches(':focus-visible')")
+            await tab.press("Enter")
+            await tab.until(f"document.querySelector('dialog[open]')?.contains({ACTIVE})")
+            await tab_to(tab, "Lock out")
+            # nothing behind the dialog can be reached: from its last element the focus leaves to the browser and comes back to its first
+            reached = set()
+            for _ in range(30):
+                await tab.press("Tab")
+                reached.add(await tab.value(f"{ACTIVE} === document.body || {ACTIVE}.closest('dialog') !== null"))
+            assert reached == {True}
+            await tab_to(tab, "Lock out")
+            await tab.press("Enter")
+            await tab.until("document.querySelector('.decision')")
+            for text in ("M. Weber", "new ropes"):
+                await tab.until("document.querySelector('.decision input')")
+                while not await tab.value(f"{ACTIVE}.matches('.decision label:not(.check) input') && !{ACTIVE}.value"):
+                    await tab.press("Tab")
+                await tab.type(text)
+            await tab.press("Tab", " ", "Tab", "Enter")
+            await tab.sees("Locked out.")
+            # the form is gone, and the focus is at what came of it
+            assert "Locked out." in await tab.value(f"{ACTIVE}.innerText")
+            assert site.decisions == [("lock_out", "lift", "M. Weber (stood at the lift)", "new ropes")]
+            await tab.press("Escape")
+            await tab.until("document.querySelector('dialog') === null")
+            assert await tab.value(f"{ACTIVE}.textContent") == CARD
+
+    asyncio.run(use())
+
+
+def test_the_table_has_every_fact_of_the_pictures(tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, _, address, _):
+            await tab.open(f"{address}/?lang=en")
+            await tab.until("document.querySelectorAll('.card .trouble').length === 1")
+            facts = "[...document.querySelectorAll('.facts p:not(.place):not(.quiet), .trouble strong, .mode')].map(p => p.innerText)"
+            said = {fact.split("→")[0].removeprefix("Doors: ").strip() for fact in await tab.value(facts)}
+            assert "Fire. Robots are stopped." in said
+            await tab.value("document.querySelector('nav button').click()")
+            await tab.until("document.querySelectorAll('table.lifts tbody tr').length === 2")
+            table = await tab.value("document.querySelector('table.lifts').innerText")
+            assert {fact for fact in said if fact not in table} == set()
+            for picture in ("caption", "th[scope=col]", "th[scope=row]"):
+                assert await tab.value(f"document.querySelector('table.lifts {picture}') !== null")
+
+    asyncio.run(use())
+
+
+def test_no_view_is_wider_than_a_phone(tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, _, address, locked):
+            await tab.look(**PHONE)
+            wide = "document.scrollingElement.scrollWidth - innerWidth"
+            for url, ready in (
+                (f"{address}/?lang=de", ".card .trouble"),
+                (f"{address}/wall", ".card"),
+                (f"{address}/lobby/goods", ".message"),
+                (f"{address}/errors", "tbody tr"),
+                (f"{locked}/?lang=de", ".login input"),
+            ):
+                await tab.open(url)
+                await tab.until(f"document.querySelector('{ready}')")
+                assert await tab.value(wide) <= 0, url
+            await tab.open(f"{address}/?lang=en")
+            await open_lockout(tab)
+            assert await tab.value("(d => d.scrollWidth - d.clientWidth)(document.querySelector('dialog'))") <= 0
+
+    asyncio.run(use())
+
+
+def test_a_wall_draws_few_lifts_large_and_many_so_that_all_fit(tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, site, address, _):
+            await tab.look(width=1920, height=1080)
+            sizes = []
+            for count in (1, 6, 24):
+                site.lifts = {f"lift-{n}": replace(IDLE, lift=f"lift-{n}") for n in range(count)}
+                await tab.open(f"{address}/wall")
+                await tab.until(f"document.querySelectorAll('.card').length === {count}")
+                await tab.until("document.documentElement.style.fontSize")
+                sizes.append(await tab.value("parseFloat(document.documentElement.style.fontSize)"))
+                assert await tab.value("document.scrollingElement.scrollHeight <= innerHeight"), count
+            assert sizes[0] > sizes[1] > 16 > sizes[2] > 9
+
+    asyncio.run(use())
+
+
+def test_pages_that_were_left_keep_no_connection(tmp_path: Path) -> None:
+    """A browser keeps pages to go back to, and has six connections for one host: the seventh page would wait for ever."""
+
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, site, address, _):
+            for number in range(8):
+                await tab.open(f"{address}/?lang=en&number={number}")
+                await tab.until("document.querySelector('.card:not(.unknown)')")
+            await tab.value("history.back()")
+            await tab.until("location.search.endsWith('number=6')")
+            site.shift(mode=Mode.INSPECTION)
+            await tab.sees("Not for robots: Inspection.")
+            assert site.bus.received
+
+    asyncio.run(use())
