@@ -370,6 +370,7 @@ async def _serve(
         metrics=parts.metrics.scrape,
         host_names=(api.host, *api.host_names),
         simulated=loaded.simulated,
+        announcements=loaded.announcements(),
     )
     await serve(web, sock, tls=tls, limits=ConnectionLimits.of(connections_limit(), api.trusted_proxies))
 

@@ -84,6 +84,8 @@ ROUTES: tuple[Route, ...] = (
     Route(_GET, "/wall", AccessLevel.NOTHING),
     Route(_GET, "/lobby/{lift}", AccessLevel.NOTHING, LiftIn.PATH),
     Route(_FILE, "/page/{path:path}", AccessLevel.NOTHING),
+    Route(_GET, "/announcements", AccessLevel.NOTHING),
+    Route(_GET, "/announcements/{file}", AccessLevel.NOTHING),
     Route(_GET, "/docs", AccessLevel.NOTHING),
     Route(_FILE, "/docs/{path:path}", AccessLevel.NOTHING),
     Route(_GET, "/redoc", AccessLevel.NOTHING),

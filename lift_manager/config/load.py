@@ -8,6 +8,7 @@ from functools import cached_property
 from ipaddress import ip_address
 from pathlib import Path
 
+from lift_manager.config.announcements import announcement_cautions, find_announcements
 from lift_manager.config.check import check_site
 from lift_manager.config.check_floors import unused_codes
 from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
@@ -15,7 +16,7 @@ from lift_manager.config.devices import POLL_S, Device, devices, least_poll_s, l
 from lift_manager.config.maps import is_value_table, load_maps, tables
 from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
-from lift_manager.config.tls import tls_cautions, tls_lines, tls_problems
+from lift_manager.config.tls import path_of, tls_cautions, tls_lines, tls_problems
 from lift_manager.lift.config import Checkout
 from register_maps.codec import Codec, compile_map
 from register_maps.errors import Finding, MapFileError
@@ -40,6 +41,7 @@ _STAND_INS: StandIns = {
             ("controllers", "*", "*"),
             ("api",),
             ("api", "*"),
+            ("announcements",),
             ("rmf",),
             ("rmf", "*"),
             ("journal",),
@@ -114,6 +116,8 @@ class LoadedSite:
         if not _is_loopback(self.site.api.host):
             yield _api_caution(self.site.api)
         yield from tls_cautions(self.site, self.path.parent)
+        if self._announcements_folder is not None:
+            yield from announcement_cautions(self._announcements_folder)
         for unused in self.site.controllers.keys() - self.controllers.keys():
             yield f"{unused}: no lift is on this controller; it is left alone"
         for name, controller in self.site.controllers.items():
@@ -126,6 +130,20 @@ class LoadedSite:
             yield f"{lifts}: {warning}"
         for name, lift in self.site.lifts.items():
             yield from _lift_cautions(name, lift, self.maps[name].map)
+
+    def announcements(self) -> Mapping[str, Path]:
+        """Return the recorded announcements that there are; a folder that cannot be read has none, and a caution says so."""
+        if self._announcements_folder is None:
+            return {}
+        try:
+            return find_announcements(self._announcements_folder)
+        except OSError:
+            return {}
+
+    @property
+    def _announcements_folder(self) -> Path | None:
+        folder = self.site.announcements
+        return None if folder is None else path_of(self.path.parent, folder)
 
     def _devices(self, lift: str) -> Iterable[Device]:
         return devices(self.site, self.site.lifts[lift], self.maps[lift].map).values()

@@ -407,6 +407,8 @@ class Site(_Part):
     require_checkout: Annotated[bool, Field(strict=True)] = False
     """Do not start while a lift with `access: control` has no signed record of its acceptance test that fits its map."""
     api: Api = Api()
+    announcements: FileName | None = None
+    """The folder with recorded announcements for the lobby view, relative to the site file."""
     rmf: Rmf = Rmf()
     controllers: dict[Text, Controller] = Field(min_length=1)
     lifts: dict[str, Lift] = Field(min_length=1)

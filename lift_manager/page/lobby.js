@@ -1,16 +1,27 @@
 /** The lobby view: for people who wait for one lift. No controls, and never an instruction to passengers. */
 
+import { Announcements } from "./src/announcements.js";
 import { message } from "./src/message.js";
 import { Login } from "./src/login.js";
 import { start } from "./src/start.js";
 import { Component, html, render } from "./vendor/htm-preact.js";
 
 class Lobby extends Component {
+  state = { silenced: false };
+
   componentDidMount() {
     this.props.store.subscribe(() => this.forceUpdate());
   }
 
-  render({ store, api, texts, onAccount, name }) {
+  async componentDidUpdate() {
+    const { store, name, announcements } = this.props;
+    const record = store.record(name);
+    if (record === undefined) return;
+    await announcements.show(message(record.shown, store.ridesOf(name)).key, performance.now());
+    if (announcements.silenced !== this.state.silenced) this.setState({ silenced: announcements.silenced });
+  }
+
+  render({ store, api, texts, onAccount, name }, { silenced }) {
     const { t } = texts;
     const record = store.record(name);
     if (store.connection === "login") return html`<main><${Login} api=${api} texts=${texts} onAccount=${onAccount} /></main>`;
@@ -21,6 +32,7 @@ class Lobby extends Component {
       <h1>${capabilities?.display_name || lift.name}</h1>
       <p class="floor" aria-label=${t("place.at", { floor: lift.floor ?? "?" })}>${lift.floor ?? "–"}</p>
       <p class="message" role="status">${t(`lobby.${key}`, values)}</p>
+      ${silenced && html`<p class="mute">🔇<span class="hidden">${t("lobby.mute")}</span></p>`}
       ${capabilities?.simulated && html`<p class="simulated">${t("simulated")}</p>`}
     </main>`;
   }
@@ -28,5 +40,7 @@ class Lobby extends Component {
 
 const { api, store, texts, onAccount } = await start();
 const name = decodeURIComponent(location.pathname.replace(/\/$/, "").split("/").pop());
+const announcements = new Announcements();
+announcements.load().catch((error) => console.warn(error.message));
 document.title = `${texts.t("title")}: ${name}`;
-render(html`<${Lobby} store=${store} api=${api} texts=${texts} onAccount=${onAccount} name=${name} />`, document.body);
+render(html`<${Lobby} store=${store} api=${api} texts=${texts} onAccount=${onAccount} name=${name} announcements=${announcements} />`, document.body);

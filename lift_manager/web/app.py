@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from http import HTTPStatus
+from pathlib import Path
 
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
@@ -20,6 +21,7 @@ from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
 from lift_manager.web import health, lifts, login, people, rides, rmf, sessions, workshop_docs
+from lift_manager.web.announcements import add_announcements
 from lift_manager.web.authenticator import Authenticator
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.direct_routes import DirectRoutes
@@ -54,12 +56,13 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     streams: int | None = None,
     host_names: Collection[str] = (),
     simulated: Collection[str] = (),
+    announcements: Mapping[str, Path] | None = None,
 ) -> FastAPI:
     """Return the application that serves a site.
 
     `streams` limits the open event streams; the default is a share of the connections that this computer can open. Without `keys`,
     everybody is admitted who addresses the manager by an address, localhost or one of `host_names`. `simulated` are the
-    lifts behind simulated controllers. Only `routes` can be reached, whatever else is added to the application.
+    lifts behind simulated controllers; `announcements` are the recordings of the lobby view, by moment. Only `routes` can be reached, whatever else is added to the application.
     """
     app = FastAPI(
         title="Lift manager",
@@ -93,6 +96,7 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
     add_docs(app)
     add_page(app)
+    add_announcements(app, announcements or {})
     app.include_router(workshop)
     app.include_router(lifts.router)
     app.include_router(sessions.router)

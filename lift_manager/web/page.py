@@ -14,7 +14,7 @@ from lift_manager.web.errors_page import error_document
 FOLDER = Path(__file__).parents[1] / "page"
 
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; media-src 'self'; connect-src 'self'; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'"
 )
 """A browser that is told this runs no script but ours, asks nobody but the manager, and shows the page in no frame of another."""

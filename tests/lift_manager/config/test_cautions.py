@@ -137,3 +137,18 @@ def test_a_controller_that_nothing_is_on_is_left_alone_and_one_that_serves_an_en
         "spare: no lift is on this controller; it is left alone"
     ]
     assert list(load(tmp_path, GENERIC, more, endpoint).controllers) == ["plc", "box"]
+
+
+def test_recordings_are_found_by_name_and_a_folder_without_any_is_cautioned_about(tmp_path: Path) -> None:
+    text = f"{GENERIC}announcements: sounds\n"
+    assert len(about(tmp_path, text, "cannot be read")) == 1
+    assert load(tmp_path, text).announcements() == {}
+    sounds = tmp_path / "sounds"
+    sounds.mkdir()
+    assert len(about(tmp_path, text, "has no recording")) == 1
+    for name in ("enters.mp3", "stopped.wav", "stopped.txt", "other.mp3", "leaves"):
+        (sounds / name).touch()
+    assert about(tmp_path, text, "announcements") == []
+    found = load(tmp_path, text).announcements()
+    assert found == {"enters": sounds / "enters.mp3", "stopped": sounds / "stopped.wav"}
+    assert load(tmp_path, GENERIC).announcements() == {}

@@ -25,6 +25,7 @@ from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_command, a_session
 from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, key, ring
+from tests.lift_manager.web.test_announcements import SOUND
 from tests.support.programs import HANGS_S
 
 ASKERS: dict[str, tuple[Role | None, tuple[str, ...]]] = {
@@ -83,7 +84,7 @@ ASSETS = {"/docs": "swagger-ui.css", "/redoc": "logo-mini.svg", "/page": "main.j
 
 def url_of(path: str, lift: str) -> str:
     asset = ASSETS.get(path.partition("/{path")[0], "")
-    named = path.replace("{lift}", lift).replace("{path:path}", asset)
+    named = path.replace("{lift}", lift).replace("{path:path}", asset).replace("{file}", SOUND.name)
     named = (
         named.replace("{session}", "s1").replace("{command}", "1").replace("{ride}", "r1").replace("{link:path}", "plc")
     )
@@ -140,7 +141,7 @@ def whole(site: FakeSite, keys: KeyRing | None = None) -> FastAPI:
 
 
 def _whole(site: Site, keys: Keys | None) -> FastAPI:
-    return make_app(site, keys, frames=Frames(), metrics=nothing_measured)
+    return make_app(site, keys, frames=Frames(), metrics=nothing_measured, announcements={"enters": SOUND})
 
 
 _made: Made = {}

@@ -21,7 +21,6 @@ from tests.support.devtools import Tab, chromium
 
 pytestmark = pytest.mark.external("chromium")
 
-PHONE = {"width": 360, "height": 740}
 ACTIVE = "document.activeElement"
 CARD = "lift \N{EN DASH} details"
 """What a screen reader says of the button that opens a lift."""
@@ -163,7 +162,7 @@ def test_the_table_has_every_fact_of_the_pictures(tmp_path: Path) -> None:
 def test_no_view_is_wider_than_a_phone(tmp_path: Path) -> None:
     async def use() -> None:
         async with shown(tmp_path) as (tab, _, address, locked):
-            await tab.look(**PHONE)
+            await tab.look(width=360, height=740)
             wide = "document.scrollingElement.scrollWidth - innerWidth"
             for url, ready in (
                 (f"{address}/?lang=de", ".card .trouble"),
