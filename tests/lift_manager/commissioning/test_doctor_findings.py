@@ -200,6 +200,20 @@ def test_a_floor_is_explained_where_it_can_be(raw: int, expected: list[str]) -> 
     assert codes(read(*polls(*rows))) == expected
 
 
+@each_row(
+    "raw, text",
+    [
+        (9, "reads 9, which the map does not list; its table has 1 = stopped, 2 = up, 3 = down"),
+        (512, "reads 512, which is 2 x 256: with its two bytes exchanged it is 2, up"),
+    ],
+)
+def test_a_value_that_no_table_lists_is_shown_with_what_it_could_be(raw: int, text: str) -> None:
+    evidence = read(*polls(*[(turn, 1, raw, 1, 1, 5, 0, 0) for turn in range(8)]))
+    (finding,) = (one for one in judge(subjects(), Evidence({PLC: evidence}, 8.0)) if one.needs_work)
+    assert finding.where == "motion at holding:2"
+    assert finding.text == text
+
+
 def test_without_named_floors_only_impossible_codes_are_odd() -> None:
     unnamed = subjects(floors=None)
     assert codes(read(*polls(*[(turn, 25344, 1, 1, 1, 5, 0, 0) for turn in range(8)])), unnamed) == ["bytes-swapped"]
@@ -253,6 +267,13 @@ def test_points_that_are_refused_are_named_one_by_one_and_a_whole_table_once() -
     assert codes(read(block, *points[:5], *refused[5:6], *points[6:])) == ["refused-point"]
     assert codes(read(block, *refused)) == ["table-refused"]
     assert codes(read(block, *points)) == ["refused-block"]
+
+
+def test_outputs_that_cannot_be_read_back_are_one_finding_with_their_names() -> None:
+    refused = Answer(0.5, Purpose.OUTPUTS, 1, Table.HOLDING, 16, 4, 0.004, exception=2)
+    found = judge(subjects(), Evidence({PLC: read(*REST, refused)}, 8.0))
+    assert [(one.code, one.where) for one in found if one.needs_work] == [("refused-output", "go_to at holding:16")]
+    assert "go_to, hold_door.front, robot_mode, close_door.front cannot be read back (exception 02)" in found[0].text
 
 
 def test_a_unit_that_a_gateway_does_not_reach_is_offline() -> None:
