@@ -5,7 +5,7 @@ from __future__ import annotations
 from lift_manager.commissioning.doctor.connection_findings import ConnectionJudge
 from lift_manager.commissioning.doctor.evidence import Evidence, Purpose
 from lift_manager.commissioning.doctor.finding import ORDER, Finding
-from lift_manager.commissioning.doctor.lift_findings import LiftJudge
+from lift_manager.commissioning.doctor.lift_findings import lift_findings
 from lift_manager.commissioning.doctor.subjects import Subjects
 
 
@@ -21,5 +21,5 @@ def judge(subjects: Subjects, evidence: Evidence) -> tuple[Finding, ...]:
     }
     for lift in subjects.lifts.values():
         if any(device.controller in answering for device in lift.devices.values()):
-            found += LiftJudge(lift, evidence).findings()
+            found += lift_findings(lift, evidence)
     return tuple(sorted(found, key=lambda finding: ORDER[finding.severity]))

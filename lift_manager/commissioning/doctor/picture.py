@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum, unique
 
-from lift_manager.commissioning.doctor.evidence import Answer, Evidence, Purpose
+from lift_manager.commissioning.doctor.evidence import Evidence, Purpose
 from lift_manager.commissioning.doctor.subjects import SIBLING, ExaminedLift
-from register_maps.codec import UNLISTED, Point, SignalCodec, Unlisted, Value
+from register_maps.codec import UNLISTED, SignalCodec, Unlisted, Value
 from register_maps.schema import Kind
 from register_maps.signal_codec import swap_bytes
 from register_maps.vocabulary import SAFETY_FLAGS
@@ -274,18 +274,3 @@ def always(found: Sequence[Picture], name: str, *values: Value) -> bool:
     """Whether a signal had one of these values in every picture."""
     read = [picture.values[name] for picture in found if name in picture.values]
     return bool(read) and all(value in values for value in read)
-
-
-def refused_points(lift: ExaminedLift, evidence: Evidence) -> Iterator[tuple[Point, int]]:
-    """Yield the points of signals that were answered with an exception when read by themselves, with its code."""
-    answers: dict[_Cell, Answer] = {
-        (name, answer.unit, answer.table, answer.address): answer
-        for name, controller in evidence.controllers.items()
-        for answer in controller.of(Purpose.POLL, Purpose.POINT)
-        if answer.count == 1
-    }
-    for point in dict.fromkeys(point for signal in lift.codec.signals.values() for point in signal.points):
-        device = lift.device(point)
-        answer = answers.get((device.controller, device.unit_id, point.table, point.address))
-        if answer is not None and answer.exception is not None and answer.is_refusal:
-            yield point, answer.exception
