@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from lift_manager.commissioning.doctor.connection_findings import ConnectionJudge
+from lift_manager.commissioning.doctor.connection_facts import ConnectionFacts
+from lift_manager.commissioning.doctor.connection_findings import connection_findings
 from lift_manager.commissioning.doctor.evidence import Evidence, Purpose
 from lift_manager.commissioning.doctor.finding import ORDER, Finding
 from lift_manager.commissioning.doctor.lift_findings import lift_findings
@@ -13,7 +14,8 @@ def judge(subjects: Subjects, evidence: Evidence) -> tuple[Finding, ...]:
     """Return every finding, the worst first."""
     found: list[Finding] = []
     for name, controller in subjects.controllers.items():
-        found += ConnectionJudge(subjects, controller, evidence.controllers[name], evidence.probes).findings()
+        facts = ConnectionFacts(subjects, controller, evidence.controllers[name], evidence.probes)
+        found += connection_findings(facts)
     answering = {
         name
         for name, controller in evidence.controllers.items()

@@ -8,18 +8,13 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from lift_manager.commissioning.doctor.connection_findings import (
-    Latency,
-    largest_blocks,
-    milliseconds,
-    requests_per_poll,
-    served_ranges,
-)
+from lift_manager.commissioning.doctor.capability_findings import largest_blocks, served_ranges
 from lift_manager.commissioning.doctor.evidence import Evidence, Probe, Purpose
 from lift_manager.commissioning.doctor.finding import Finding, Severity
 from lift_manager.commissioning.doctor.findings import judge
 from lift_manager.commissioning.doctor.picture import changes, pictures
 from lift_manager.commissioning.doctor.subjects import ExaminedLift, Subjects
+from lift_manager.commissioning.doctor.timing_findings import Latency, milliseconds, requests_per_poll
 from register_maps.codec import UNLISTED, Unlisted, Value
 from register_maps.words import Door, Mode, Motion
 

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import ConnectProblem
 from drivers.modbus.wire import CLOSED_BY_CONTROLLER, NOT_MODBUS
-from lift_manager.commissioning.doctor.connection_findings import Latency, largest_blocks, milliseconds
+from lift_manager.commissioning.doctor.capability_findings import largest_blocks
 from lift_manager.commissioning.doctor.evidence import (
     RISKS,
     Answer,
@@ -20,6 +20,7 @@ from lift_manager.commissioning.doctor.evidence import (
 from lift_manager.commissioning.doctor.finding import Severity
 from lift_manager.commissioning.doctor.findings import judge
 from lift_manager.commissioning.doctor.subjects import Subjects, subjects_at
+from lift_manager.commissioning.doctor.timing_findings import Latency, milliseconds
 from lift_manager.config.devices import Device
 from register_maps.codec import Codec, Value
 from register_maps.frames import unpack_bits
