@@ -43,7 +43,8 @@ from lift_manager.commissioning.checkout.record import (
     verdict,
 )
 from lift_manager.commissioning.checkout.registers import ReadFailed
-from lift_manager.commissioning.doctor.evidence import RISKS, Probe
+from lift_manager.commissioning.doctor.evidence import Probe
+from lift_manager.commissioning.doctor.probes import RISKS
 from lift_manager.commissioning.wording import identity_text
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite

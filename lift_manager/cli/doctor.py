@@ -26,7 +26,9 @@ from lift_manager.cli.common import (
     print_stderr,
     read_floors,
 )
-from lift_manager.commissioning.doctor.evidence import RISKS, SECONDS, MakeWire, Probe, collect, plain_wire
+from lift_manager.commissioning.doctor.collect import SECONDS, collect, plain_wire
+from lift_manager.commissioning.doctor.evidence import Probe
+from lift_manager.commissioning.doctor.probes import RISKS, MakeWire
 from lift_manager.commissioning.doctor.report import (
     NotAReport,
     Report,

@@ -29,7 +29,7 @@ from lift_manager.cli.common import (
 )
 from lift_manager.cli.doctor import host_and_port
 from lift_manager.commissioning import maps_list
-from lift_manager.commissioning.doctor.evidence import collect
+from lift_manager.commissioning.doctor.collect import collect
 from lift_manager.commissioning.doctor.finding import Severity
 from lift_manager.commissioning.doctor.report import finding_line, looks, make_report
 from lift_manager.commissioning.doctor.subjects import subjects_of_site

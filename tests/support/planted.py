@@ -8,7 +8,8 @@ from pathlib import Path
 
 from drivers.errors import ConnectProblem
 from drivers.modbus.memory import MemoryWire, Reply
-from lift_manager.commissioning.doctor.evidence import Evidence, Probe, collect
+from lift_manager.commissioning.doctor.collect import collect
+from lift_manager.commissioning.doctor.evidence import Evidence, Probe
 from lift_manager.commissioning.doctor.report import Report, make_report
 from lift_manager.commissioning.doctor.subjects import ExaminedController, Subjects, subjects_at
 from lift_manager.lab.plant import simulated_lift

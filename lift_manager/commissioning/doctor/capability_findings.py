@@ -90,15 +90,8 @@ def _limit(facts: ConnectionFacts, table: Table) -> int:
 
 
 def _longest_poll(facts: ConnectionFacts, table: Table) -> int:
-    return max(
-        (
-            block.count
-            for lift in facts.lifts
-            for block in lift.blocks
-            if block.table is table and lift.device(block).controller == facts.controller.name
-        ),
-        default=0,
-    )
+    polls = facts.subjects.polls_on(facts.controller.name)
+    return max((block.count for _, block in polls if block.table is table), default=0)
 
 
 def served_ranges(evidence: ControllerEvidence) -> dict[tuple[int, Table], tuple[tuple[int, int], ...]]:

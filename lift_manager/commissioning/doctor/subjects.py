@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from drivers.modbus.plan import plan_poll, plan_reads
+from drivers.modbus.plan import plan_poll, plan_reads, polled_points
 from lift_manager.commissioning.wording import wire
 from lift_manager.config.devices import POLL_S, Device
 from lift_manager.config.devices import devices as devices_of
@@ -16,6 +16,10 @@ from register_maps.load import LoadedMap
 from register_maps.schema import LinkDefaults
 from register_maps.words import Table
 
+UnitBlock = tuple[int, Block]
+"""A unit id, and what is read from it at once."""
+UnitSpan = tuple[int, range, Table]
+"""A unit id, and addresses of one of its tables."""
 LONGEST_LIST = 3
 """Addresses of one signal that a line lists one by one; of more it has the first and the last."""
 
@@ -127,6 +131,43 @@ class Subjects:
             for lift in self.lifts.values()
             if any(device.controller == controller for device in lift.devices.values())
         )
+
+    def polls_on(self, controller: str) -> tuple[UnitBlock, ...]:
+        """Return the reads of one poll of all lifts on a controller, each once."""
+        return self._once(controller, lambda lift: lift.blocks)
+
+    def outputs_on(self, controller: str) -> tuple[UnitBlock, ...]:
+        """Return the reads that show the outputs of all lifts on a controller, each once."""
+        return self._once(controller, lambda lift: lift.output_blocks)
+
+    def _once(self, controller: str, blocks_of: Callable[[ExaminedLift], tuple[Block, ...]]) -> tuple[UnitBlock, ...]:
+        found = (
+            (lift.device(block).unit_id, block)
+            for lift in self.lifts_on(controller)
+            for block in blocks_of(lift)
+            if lift.device(block).controller == controller
+        )
+        return tuple(dict.fromkeys(found))
+
+    def cells_on(self, controller: str) -> frozenset[tuple[int, Table, int]]:
+        """Return unit id, table and address of each point on a controller that a poll reads."""
+        return frozenset(
+            (lift.device(point).unit_id, point.table, point.address)
+            for lift in self.lifts_on(controller)
+            for point in polled_points(lift.codec)
+            if lift.device(point).controller == controller
+        )
+
+    def served_on(self, controller: str) -> tuple[UnitSpan, ...]:
+        """Return what the maps say that a controller serves."""
+        found: dict[UnitSpan, None] = {}
+        for lift in self.lifts_on(controller):
+            for space, spans in lift.codec.served.items():
+                endpoint, _, table = space.rpartition("/")
+                device = lift.devices.get(endpoint)
+                if device is not None and device.controller == controller:
+                    found |= dict.fromkeys((device.unit_id, span, Table(table)) for span in spans)
+        return tuple(found)
 
     def beats_on(self, controller: str) -> Iterator[float]:
         """Yield how long the alive counters on a controller may stand still."""

@@ -9,7 +9,6 @@ from drivers.errors import ConnectProblem
 from drivers.modbus.wire import CLOSED_BY_CONTROLLER, NOT_MODBUS
 from lift_manager.commissioning.doctor.capability_findings import largest_blocks
 from lift_manager.commissioning.doctor.evidence import (
-    RISKS,
     Answer,
     ControllerEvidence,
     Evidence,
@@ -19,6 +18,7 @@ from lift_manager.commissioning.doctor.evidence import (
 )
 from lift_manager.commissioning.doctor.finding import Severity
 from lift_manager.commissioning.doctor.findings import judge
+from lift_manager.commissioning.doctor.probes import RISKS
 from lift_manager.commissioning.doctor.subjects import Subjects, subjects_at
 from lift_manager.commissioning.doctor.timing_findings import Latency, milliseconds
 from lift_manager.config.devices import Device
