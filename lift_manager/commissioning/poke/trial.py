@@ -11,8 +11,8 @@ A trial presses nothing by itself. Each command of the map belongs to a request 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from lift_manager.api.lifts import Lift, LiftCapabilities, LiftCommand, LiftCommands
 from lift_manager.lift.call import ACKNOWLEDGEMENTS, calls_in_order
@@ -22,7 +22,6 @@ from register_maps.plain import closest
 from register_maps.words import Door, Side
 
 ROBOT_MODE = "robot_mode"
-_ROBOT_WORDS = ("robot_in_place", "robot_left")
 
 
 class NotPossible(Exception):
@@ -47,9 +46,29 @@ class KnownLift:
         """Whether only an open door shows that the car stands: one with its door shut has to be called first."""
         return self.capabilities.evidence.startswith("door_")
 
+    @property
+    def is_shut(self) -> bool:
+        """Whether every door of the car reads closed."""
+        return all(door is Door.CLOSED for door in self.lift.doors.values())
+
     def command(self, name: str) -> LiftCommand | None:
         """Return a command of the map by its name."""
         return next((command for command in self.commands.commands if command.name == name), None)
+
+    def call_to(self, floor: str, *, aboard: bool) -> LiftCommand | None:
+        """Return the command with which a session brings the car to a floor."""
+        calls = calls_in_order(floor, self.doors_at(floor), aboard=aboard)
+        found = (self.command(call.name) for call in calls)
+        return next((command for command in found if command is not None), None)
+
+    def doors_at(self, floor: str) -> tuple[Side, ...]:
+        """Return the doors that open at a floor."""
+        return self.capabilities.doors_at.get(floor, ())
+
+    def door_holds(self, floor: str) -> tuple[str, ...]:
+        """Return the holds that a session presses at a floor: those of all its doors."""
+        holds = (f"hold_door.{side}" for side in self.doors_at(floor))
+        return tuple(hold for hold in holds if self.command(hold) is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +116,25 @@ class Trial:
 
 def plan_trial(known: KnownLift, name: str, floor: str = "") -> Trial:
     """Return the trial of a command of the map. Raises NotPossible."""
-    return _Planner(known, _named_command(known, name), floor).plan()
+    lift, command = known.lift, _named_command(known, name)
+    if lift.quality is Quality.OFFLINE:
+        raise NotPossible(
+            f"{lift.name} cannot be read, and nothing is pressed without a current reading: {lift.reason}"
+        )
+    _check_floor(lift, command, floor)
+    course = _Course(known)
+    course.press(ROBOT_MODE)
+    tried = None if command.name == ROBOT_MODE else _plan_command(course, command, floor)
+    return Trial(
+        lift=lift.name,
+        command=command,
+        floor=floor,
+        here=course.here,
+        requests=tuple(course.requests),
+        tried=tried,
+        steps=tuple(course.steps),
+        pressed=tuple(course.pressed),
+    )
 
 
 def _named_command(known: KnownLift, name: str) -> LiftCommand:
@@ -113,227 +150,198 @@ def _named_command(known: KnownLift, name: str) -> LiftCommand:
     return command
 
 
-class _Planner:
-    """Collects requests and steps."""
+def _check_floor(lift: Lift, command: LiftCommand, floor: str) -> None:
+    name, floors = command.name, lift.floors
+    if not command.takes_floor and not (floor and name in ACKNOWLEDGEMENTS):
+        if floor:
+            raise NotPossible(f"{lift.name}: {name} takes no floor; leave {floor!r} out")
+        return
+    example = f"such as `lift-manager poke {lift.name} {name} {floors[-1]}`"
+    if not floor:
+        raise NotPossible(f"{lift.name}: {name} needs a floor, {example}")
+    if floor not in floors:
+        raise NotPossible(f"{lift.name} has no floor {floor!r}; its floors are {', '.join(floors)}, {example}")
 
-    def __init__(self, known: KnownLift, command: LiftCommand, floor: str) -> None:
-        self._known = known
-        self._lift = known.lift
-        self._command = command
-        self._floor = floor
-        self._here = ""
-        self._requests: list[SessionRequest] = []
-        self._steps: list[str] = []
-        self._pressed: list[LiftCommand] = []
 
-    def plan(self) -> Trial:
-        lift, command = self._lift, self._command
-        if lift.quality is Quality.OFFLINE:
-            raise NotPossible(
-                f"{lift.name} cannot be read, and nothing is pressed without a current reading: {lift.reason}"
-            )
-        self._check_floor()
-        self._press(ROBOT_MODE)
-        tried = None if command.name == ROBOT_MODE else self._plan_command()
-        return Trial(
-            lift=lift.name,
-            command=command,
-            floor=self._floor,
-            here=self._here,
-            requests=tuple(self._requests),
-            tried=tried,
-            steps=tuple(self._steps),
-            pressed=tuple(self._pressed),
-        )
+@dataclass
+class _Course:
+    """What a session is asked for, and the presses and releases that follow, in order."""
 
-    def _plan_command(self) -> int:
-        """Return which request is the command."""
-        kind, _, side = self._command.name.partition(".")
-        match kind:
-            case "go" | "robot_in_place" | "robot_left":
-                return self._plan_ride()
-            case "hold_door":
-                return self._plan_hold(Side(side))
-            case "close_door":
-                return self._plan_close(Side(side))
-            case _:
-                return self._plan_call()
+    known: KnownLift
+    here: str = ""
+    requests: list[SessionRequest] = field(default_factory=list)
+    steps: list[str] = field(default_factory=list)
+    pressed: list[LiftCommand] = field(default_factory=list)
 
-    def _check_floor(self) -> None:
-        name, lift, floors = self._command.name, self._lift.name, self._lift.floors
-        if not self._command.takes_floor and not (self._floor and name in _ROBOT_WORDS):
-            if self._floor:
-                raise NotPossible(f"{lift}: {name} takes no floor; leave {self._floor!r} out")
-            return
-        example = f"such as `lift-manager poke {lift} {name} {floors[-1]}`"
-        if not self._floor:
-            raise NotPossible(f"{lift}: {name} needs a floor, {example}")
-        if self._floor not in floors:
-            raise NotPossible(f"{lift} has no floor {self._floor!r}; its floors are {', '.join(floors)}, {example}")
+    def request(self, request: SessionRequest) -> int:
+        """Add a request, and return which one it is."""
+        self.requests.append(request)
+        return len(self.requests) - 1
 
-    # -- calls
-
-    def _plan_call(self) -> int:
-        lift = self._lift
-        self._check_call(self._floor, aboard=False)
-        if lift.standing and lift.floor == self._floor and not (self._known.commands.same_floor_call and self._is_shut):
-            raise NotPossible(
-                f"{lift.name}: the car stands at {self._floor} already, so no call is pressed; name another floor"
-            )
-        tried = self._request(SessionRequest(CommandType.GO_TO, self._floor))
-        self._press(self._command.name, self._floor)
-        if self._command.action == "hold":
-            self._release(self._command.name, self._floor)
-        return tried
-
-    def _plan_ride(self) -> int:
-        """Take an empty car along as if a robot were in it: what concerns a robot aboard cannot be tried without a ride."""
-        self._stand_here(hold=True)
-        destination = self._floor or self._next_floor()
-        if destination == self._here:
-            raise NotPossible(
-                f"{self._lift.name}: the trial begins at {self._here}, where the car is; name another floor"
-            )
-        go = self._call_to(destination, aboard=True)
-        if self._command.takes_floor:
-            self._check_call(destination, aboard=True)
-        in_place = self._request(SessionRequest(CommandType.ROBOT_IN_PLACE))
-        self._press("robot_in_place")
-        call = self._call_to(self._here, aboard=False)
-        if call is not None and call.until == "robot_in_place" and f"press {call.name} {self._here}" in self._steps:
-            self._release(call.name, self._here)
-        self._release_doors(self._here)
-        away = self._request(SessionRequest(CommandType.GO_TO, destination, hold_door=True))
-        if go is not None:
-            self._press(go.name, destination)
-            if go.until not in ACKNOWLEDGEMENTS:
-                self._release_hold(go.name, destination)
-        self._press_doors(destination)
-        left = self._request(SessionRequest(CommandType.ROBOT_LEFT))
-        self._press("robot_left")
-        if go is not None and go.until in ACKNOWLEDGEMENTS:
-            self._release(go.name, destination)
-        return {"robot_in_place": in_place, "robot_left": left}.get(self._command.name, away)
-
-    def _next_floor(self) -> str:
-        """Return the floor above, or below the highest."""
-        floors = self._lift.floors
-        index = floors.index(self._here)
-        return floors[index + 1] if index + 1 < len(floors) else floors[index - 1]
-
-    def _check_call(self, floor: str, *, aboard: bool) -> None:
-        """Refuse a call that no session presses for this floor."""
-        chosen = self._call_to(floor, aboard=aboard)
-        if chosen is not None and chosen.name != self._command.name:
-            raise NotPossible(
-                f"{self._lift.name}: a session brings the car to {floor} with {chosen.name}, never with {self._command.name};"
-                f" try `lift-manager poke {self._lift.name} {chosen.name} {floor}`"
-            )
-
-    def _call_to(self, floor: str, *, aboard: bool) -> LiftCommand | None:
-        calls = calls_in_order(floor, self._known.capabilities.doors_at.get(floor, ()), aboard=aboard)
-        found = (self._known.command(call.name) for call in calls)
-        return next((command for command in found if command is not None), None)
-
-    # -- doors
-
-    def _plan_hold(self, side: Side) -> int:
-        self._stand_here(hold=True)
-        self._check_side(side)
-        return self._request(SessionRequest(CommandType.HOLD_DOOR))
-
-    def _plan_close(self, side: Side) -> int:
-        has_hold = self._known.command(f"hold_door.{side}") is not None
-        self._stand_here(hold=has_hold)
-        self._check_side(side)
-        call_opens = any(step.startswith("press ") and step != f"press {ROBOT_MODE}" for step in self._steps)
-        if not has_hold and self._is_shut and not call_opens:
-            raise NotPossible(
-                f"{self._lift.name}: the {side} door is shut, and the map has nothing to open it; open it with the button at the"
-                " landing, then repeat this at once"
-            )
-        if has_hold:
-            self._request(SessionRequest(CommandType.HOLD_DOOR))
-        # the car has stood open for the session: a person says that no robot is in the doorway
-        self._request(SessionRequest(CommandType.ROBOT_LEFT))
-        tried = self._request(SessionRequest(CommandType.CLOSE_DOOR, door=side))
-        self._release_doors(self._here)
-        self._press(self._command.name)
-        self._release_hold(self._command.name)
-        return tried
-
-    def _check_side(self, side: Side) -> None:
-        doors_at = self._known.capabilities.doors_at
-        if side in doors_at.get(self._here, ()):
-            return
-        floors = [floor for floor, sides in doors_at.items() if side in sides]
-        where = f"bring the car to {' or '.join(floors)} first" if floors else f"no floor of it has a {side} door"
-        raise NotPossible(f"{self._lift.name}: the car stands at {self._here}, which has no {side} door; {where}")
-
-    def _press_doors(self, floor: str) -> None:
-        for name in self._door_holds(floor):
-            self._press(name)
-
-    def _release_doors(self, floor: str) -> None:
-        for name in self._door_holds(floor):
-            self._release(name)
-
-    def _door_holds(self, floor: str) -> Iterator[str]:
-        """Yield the holds that a session presses at a floor: those of all its doors."""
-        for side in self._known.capabilities.doors_at.get(floor, ()):
-            if self._known.command(f"hold_door.{side}") is not None:
-                yield f"hold_door.{side}"
-
-    # -- the car at its floor
-
-    def _stand_here(self, *, hold: bool) -> None:
-        """Make the floor where the car stands that of the session."""
-        lift, known = self._lift, self._known
-        is_unseen = not known.is_standing
-        if is_unseen and not known.stands_open_only:
-            raise NotPossible(
-                f"{lift.name}: nobody knows at which floor the car stands; wait until it does, or send it to a floor first"
-            )
-        self._here = lift.floor or lift.floors[0]
-        self._request(SessionRequest(CommandType.GO_TO, self._here, hold_door=hold))
-        call, doors = self._call_to(self._here, aboard=False), known.capabilities.doors_at.get(self._here, ())
-        if call is not None:
-            has_holds = all(known.command(f"hold_door.{side}") is not None for side in doors)
-            keeps_door = hold and not has_holds and call.until in ACKNOWLEDGEMENTS
-            if keeps_door or is_unseen or (known.commands.same_floor_call and self._is_shut):
-                self._press(call.name, self._here)
-                if not keeps_door:
-                    self._release_hold(call.name, self._here)
-        if hold:
-            self._press_doors(self._here)
-
-    @property
-    def _is_shut(self) -> bool:
-        return all(door is Door.CLOSED for door in self._lift.doors.values())
-
-    # -- collecting
-
-    def _request(self, request: SessionRequest) -> int:
-        self._requests.append(request)
-        return len(self._requests) - 1
-
-    def _press(self, name: str, floor: str = "") -> None:
-        command = self._known.command(name)
+    def press(self, name: str, floor: str = "") -> None:
+        """Press a command, if the map has it."""
+        command = self.known.command(name)
         if command is None:
             return
-        self._steps.append(_step("press", name, floor))
-        if command not in self._pressed:
-            self._pressed.append(command)
+        self.steps.append(_step("press", name, floor))
+        if command not in self.pressed:
+            self.pressed.append(command)
 
-    def _release(self, name: str, floor: str = "") -> None:
-        self._steps.append(_step("release", name, floor))
+    def release(self, name: str, floor: str = "") -> None:
+        """Release a command."""
+        self.steps.append(_step("release", name, floor))
 
-    def _release_hold(self, name: str, floor: str = "") -> None:
+    def release_hold(self, name: str, floor: str = "") -> None:
         """Release what stays on; a pulse ends by itself."""
-        command = self._known.command(name)
+        command = self.known.command(name)
         if command is not None and command.action == "hold":
-            self._release(name, floor)
+            self.release(name, floor)
+
+    def has_pressed(self, name: str, floor: str) -> bool:
+        """Whether a command was pressed for a floor."""
+        return _step("press", name, floor) in self.steps
 
 
 def _step(verb: str, name: str, floor: str) -> str:
     return f"{verb} {name} {floor}" if floor else f"{verb} {name}"
+
+
+def _plan_command(course: _Course, command: LiftCommand, floor: str) -> int:
+    """Return which request is the command."""
+    kind, _, side = command.name.partition(".")
+    match kind:
+        case "go" | "robot_in_place" | "robot_left":
+            return _plan_ride(course, command, floor)
+        case "hold_door":
+            return _plan_hold(course, Side(side))
+        case "close_door":
+            return _plan_close(course, command, Side(side))
+        case _:
+            return _plan_call(course, command, floor)
+
+
+# -- calls
+
+
+def _plan_call(course: _Course, command: LiftCommand, floor: str) -> int:
+    known, lift = course.known, course.known.lift
+    _check_call(known, command, floor, aboard=False)
+    if lift.standing and lift.floor == floor and not (known.commands.same_floor_call and known.is_shut):
+        raise NotPossible(f"{lift.name}: the car stands at {floor} already, so no call is pressed; name another floor")
+    tried = course.request(SessionRequest(CommandType.GO_TO, floor))
+    course.press(command.name, floor)
+    course.release_hold(command.name, floor)
+    return tried
+
+
+def _plan_ride(course: _Course, command: LiftCommand, floor: str) -> int:
+    """Take an empty car along as if a robot were in it: what concerns a robot aboard cannot be tried without a ride."""
+    known = course.known
+    _stand_here(course, hold=True)
+    here = course.here
+    destination = floor or _next_floor(known.lift.floors, here)
+    if destination == here:
+        raise NotPossible(f"{known.lift.name}: the trial begins at {here}, where the car is; name another floor")
+    go = known.call_to(destination, aboard=True)
+    if command.takes_floor:
+        _check_call(known, command, destination, aboard=True)
+    in_place = course.request(SessionRequest(CommandType.ROBOT_IN_PLACE))
+    course.press("robot_in_place")
+    call = known.call_to(here, aboard=False)
+    if call is not None and call.until == "robot_in_place" and course.has_pressed(call.name, here):
+        course.release(call.name, here)
+    for hold in known.door_holds(here):
+        course.release(hold)
+    away = course.request(SessionRequest(CommandType.GO_TO, destination, hold_door=True))
+    if go is not None:
+        course.press(go.name, destination)
+        if go.until not in ACKNOWLEDGEMENTS:
+            course.release_hold(go.name, destination)
+    for hold in known.door_holds(destination):
+        course.press(hold)
+    left = course.request(SessionRequest(CommandType.ROBOT_LEFT))
+    course.press("robot_left")
+    if go is not None and go.until in ACKNOWLEDGEMENTS:
+        course.release(go.name, destination)
+    return {"robot_in_place": in_place, "robot_left": left}.get(command.name, away)
+
+
+def _next_floor(floors: Sequence[str], here: str) -> str:
+    """Return the floor above, or below the highest."""
+    index = floors.index(here)
+    return floors[index + 1] if index + 1 < len(floors) else floors[index - 1]
+
+
+def _check_call(known: KnownLift, command: LiftCommand, floor: str, *, aboard: bool) -> None:
+    """Refuse a call that no session presses for this floor."""
+    chosen = known.call_to(floor, aboard=aboard)
+    if chosen is not None and chosen.name != command.name:
+        raise NotPossible(
+            f"{known.lift.name}: a session brings the car to {floor} with {chosen.name}, never with {command.name};"
+            f" try `lift-manager poke {known.lift.name} {chosen.name} {floor}`"
+        )
+
+
+# -- doors
+
+
+def _plan_hold(course: _Course, side: Side) -> int:
+    _stand_here(course, hold=True)
+    _check_side(course, side)
+    return course.request(SessionRequest(CommandType.HOLD_DOOR))
+
+
+def _plan_close(course: _Course, command: LiftCommand, side: Side) -> int:
+    known = course.known
+    has_hold = known.command(f"hold_door.{side}") is not None
+    _stand_here(course, hold=has_hold)
+    _check_side(course, side)
+    call_opens = any(step.startswith("press ") and step != f"press {ROBOT_MODE}" for step in course.steps)
+    if not has_hold and known.is_shut and not call_opens:
+        raise NotPossible(
+            f"{known.lift.name}: the {side} door is shut, and the map has nothing to open it; open it with the button at the"
+            " landing, then repeat this at once"
+        )
+    if has_hold:
+        course.request(SessionRequest(CommandType.HOLD_DOOR))
+    # the car has stood open for the session: a person says that no robot is in the doorway
+    course.request(SessionRequest(CommandType.ROBOT_LEFT))
+    tried = course.request(SessionRequest(CommandType.CLOSE_DOOR, door=side))
+    for hold in known.door_holds(course.here):
+        course.release(hold)
+    course.press(command.name)
+    course.release_hold(command.name)
+    return tried
+
+
+def _check_side(course: _Course, side: Side) -> None:
+    if side in course.known.doors_at(course.here):
+        return
+    floors = [floor for floor, sides in course.known.capabilities.doors_at.items() if side in sides]
+    where = f"bring the car to {' or '.join(floors)} first" if floors else f"no floor of it has a {side} door"
+    raise NotPossible(f"{course.known.lift.name}: the car stands at {course.here}, which has no {side} door; {where}")
+
+
+# -- the car at its floor
+
+
+def _stand_here(course: _Course, *, hold: bool) -> None:
+    """Make the floor where the car stands that of the session."""
+    known, lift = course.known, course.known.lift
+    is_unseen = not known.is_standing
+    if is_unseen and not known.stands_open_only:
+        raise NotPossible(
+            f"{lift.name}: nobody knows at which floor the car stands; wait until it does, or send it to a floor first"
+        )
+    here = course.here = lift.floor or lift.floors[0]
+    course.request(SessionRequest(CommandType.GO_TO, here, hold_door=hold))
+    call, holds = known.call_to(here, aboard=False), known.door_holds(here)
+    if call is not None:
+        keeps_door = hold and len(holds) < len(known.doors_at(here)) and call.until in ACKNOWLEDGEMENTS
+        if keeps_door or is_unseen or (known.commands.same_floor_call and known.is_shut):
+            course.press(call.name, here)
+            if not keeps_door:
+                course.release_hold(call.name, here)
+    if hold:
+        for name in holds:
+            course.press(name)
