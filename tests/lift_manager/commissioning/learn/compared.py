@@ -1,6 +1,5 @@
 """Whether a draft reads a lift as its true map does, at every moment of a further ride."""
 
-import asyncio
 from pathlib import Path
 from typing import cast
 
@@ -8,14 +7,10 @@ from lift_manager.commissioning.learn.analyse import Findings
 from lift_manager.commissioning.learn.draft import draft
 from lift_manager.commissioning.learn.samples import Recording
 from lift_manager.commissioning.learn.tracks import Confidence
-from register_maps.codec import Codec, SignalCodec, compile_map
+from register_maps.codec import Codec, compile_map
 from register_maps.load import LoadedMap, load
 from register_maps.words import Door
-from simulator.registers import RegisterFace
-from tests.lift_manager.commissioning.learn.riding import Person, Ridden, usual_plan
-from tests.support.virtual_time import run_virtual
-
-LOOKS_S = 0.2
+from tests.lift_manager.commissioning.learn.riding import Ridden
 
 
 def loaded_draft(found: Findings, recording: Recording, folder: Path) -> LoadedMap:
@@ -25,14 +20,6 @@ def loaded_draft(found: Findings, recording: Recording, folder: Path) -> LoadedM
     return load(path)
 
 
-def value_of(signal: SignalCodec, face: RegisterFace, now: float) -> object:
-    raw = to = 0
-    for point in signal.points:
-        raw |= point.within(face.read(point.table, point.address, 1, now)[0]) << to
-        to += point.width
-    return signal.decode(raw)
-
-
 def disagreements(got: Ridden, found: Findings, truth: Codec, folder: Path) -> set[str]:
     """Return what the draft says otherwise than the true map, in a second ride of the same lift; empty: it is right."""
     codec = compile_map(loaded_draft(found, got.recording, folder).map)
@@ -40,28 +27,12 @@ def disagreements(got: Ridden, found: Findings, truth: Codec, folder: Path) -> s
         name for name in codec.signals if name in truth.signals and name not in ("alive", "level", "car_position")
     ]
     wrong = {f"{name} is not there" for name in codec.signals if name not in {*truth.signals, "car_position"}}
-
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        await asyncio.sleep(got.ended_at + 1)
-        plan = [*reversed(usual_plan(list(got.floors))), next(iter(got.floors))]
-        riding = asyncio.ensure_future(_ride(Person(got.face, list(got.floors), plan, marks="")))
-        while not riding.done():
-            await asyncio.sleep(LOOKS_S)
-            for name in compared:
-                mine = value_of(codec.signals[name], got.face, loop.time())
-                true = value_of(truth.signals[name], got.face, loop.time())
-                if not _alike(name, mine, true, got, found):
-                    wrong.add(f"{name}: {mine} for {true}")
-        riding.result()
-
-    run_virtual(main)
+    for image in got.shown_again:
+        for name in compared:
+            mine, true = (one.signals[name].decode(one.signals[name].extract(image)) for one in (codec, truth))
+            if not _alike(name, mine, true, got, found):
+                wrong.add(f"{name}: {mine} for {true}")
     return wrong
-
-
-async def _ride(person: Person) -> None:
-    while await person.next_line() is not None:
-        pass
 
 
 def _alike(signal: str, mine: object, true: object, got: Ridden, found: Findings) -> bool:

@@ -3,12 +3,13 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import cast
 
 from drivers.modbus.memory import MemoryWire
 from lift_manager.commissioning.learn import samples
 from lift_manager.commissioning.learn.ride import record
-from lift_manager.commissioning.learn.samples import Recording
+from lift_manager.commissioning.learn.samples import MarkKind, Recording
 from lift_manager.commissioning.learn.survey import LAST, survey
 from lift_manager.commissioning.prober import Prober
 from lift_manager.lab.plant import default_floors, simulated_lift
@@ -22,7 +23,9 @@ from tests.support.virtual_time import run_virtual
 
 REACTS_S = 0.6
 """From what a person sees to ENTER."""
-LOOKS_S = 0.05
+LOOKS_S = 0.1
+"""Every so often the person looks, at most so much after it happened."""
+SHOWN_EVERY_S = 0.2
 
 
 Extra = Mapping[tuple[Table, int], Callable[[int, float], int]]
@@ -49,11 +52,36 @@ class Ridden:
     """A recording, and the lift it is of."""
 
     recording: Recording
+    codec: Codec
     face: RegisterFace
     floors: Mapping[str, int]
     said: list[str]
     writes: int
     ended_at: float
+
+    def with_marks(self, *kinds: MarkKind) -> Recording:
+        """Return the recording of a person who typed only marks of these kinds: to type one takes no time."""
+        return replace(self.recording, marks=[mark for mark in self.recording.marks if mark.kind in kinds])
+
+    @cached_property
+    def shown_again(self) -> list[dict[str, list[int]]]:
+        """Every register image that a further ride shows, to every floor and back; one that stays is here once."""
+        plan = [*reversed(usual_plan(list(self.floors))), next(iter(self.floors))]
+        images: list[dict[str, list[int]]] = []
+
+        async def main() -> None:
+            loop = asyncio.get_running_loop()
+            await asyncio.sleep(self.ended_at + 1)
+            riding = asyncio.ensure_future(_ride(Person(self.face, list(self.floors), plan, marks="")))
+            while not riding.done():
+                await asyncio.sleep(SHOWN_EVERY_S)
+                image = _image(self.face, self.codec, loop.time())
+                if not images or image != images[-1]:
+                    images.append(image)
+            riding.result()
+
+        run_virtual(main)
+        return images
 
 
 class Person:
@@ -112,6 +140,19 @@ class Person:
         raise AssertionError(f"the lift does not do it: {self._face.picture}")
 
 
+async def _ride(person: Person) -> None:
+    while await person.next_line() is not None:
+        pass
+
+
+def _image(face: RegisterFace, codec: Codec, now: float) -> dict[str, list[int]]:
+    image = codec.empty_image()
+    for table in {*Table} & image.keys():
+        for span in codec.served[table]:
+            image[table][span.start : span.stop] = face.read(Table(table), span.start, len(span), now)
+    return image
+
+
 def usual_plan(floors: Sequence[str]) -> list[str]:
     """Every floor twice, up and down, and past floors without a stop."""
     names = list(floors)
@@ -160,6 +201,6 @@ def ridden(
         await record(prober, recording, person.next_line, said.append)
         recording.floors = tuple(named)
         prober.close()
-        return Ridden(recording, face, named, said, writes, asyncio.get_running_loop().time())
+        return Ridden(recording, codec, face, named, said, writes, asyncio.get_running_loop().time())
 
     return run_virtual(main)

@@ -1,6 +1,7 @@
 """`learn` finds position, door and motion however a controller codes them, or says that it is not sure."""
 
 import random
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -38,90 +39,66 @@ def lift(*signals: str) -> Codec:
     return written_map("signals:\n" + "".join(f"  {signal}\n" for signal in signals), HEAD)
 
 
-@each_row(
-    ("floor", "floors", "keys"),
-    [
-        (FLOOR, FOUR, {}),
-        (FLOOR, {"L1": 0, "L2": 1, "L3": 2}, {}),
-        (FLOOR, {"G": 100, "M5": 205, "7": 9}, {}),
-        ('car_floor: {at: "holding:3", type: int16, as: floor}', {"B2": -2, "B1": -1, "G": 0, "L1": 1}, {"type": "int16"}),
-        ('car_floor: {at: "holding:3", as: floor, code: bcd}', TENS, {"code": "bcd"}),
-        ('car_floor: {at: "holding:3", as: floor, byte_order: low_first}', FOUR, {"byte_order": "low_first"}),
-        ('car_floor: {at: "holding:3", as: floor, code: gray}', FOUR, {}),
-        ('car_floor: {one_of: ["discrete:9", "discrete:8", "discrete:7"]}', {"L1": 0, "L2": 1, "L3": 2}, {}),
-        ('car_floor: {one_of: ["discrete:9", "discrete:11", "discrete:13"], active: low}', {"L1": 0, "L2": 1, "L3": 2}, {"active": "low"}),
-        ('car_floor: {one_of: ["holding:7.3", "holding:7.4", "holding:7.8"]}', {"L1": 0, "L2": 1, "L3": 2}, {}),
-        ('car_floor: {one_of: ["holding:20.0", "holding:21.0", "holding:22.0"]}', {"L1": 0, "L2": 1, "L3": 2}, {}),
-        ('car_floor: {code_of: ["discrete:4", "discrete:5", "discrete:6"]}', FOUR | {"L5": 5}, {}),
-        ('car_floor: {code_of: ["discrete:4", "discrete:5", "discrete:6"], code: gray, active: low}', FOUR | {"L5": 5}, {}),
-    ],
-)  # fmt: skip
-def test_a_floor_is_found_in_any_coding(
-    floor: str, floors: dict[str, int], keys: dict[str, object], tmp_path_factory: pytest.TempPathFactory
+FLOORS: list[tuple[str, dict[str, int], dict[str, object]]] = [
+    (FLOOR, FOUR, {}),
+    (FLOOR, {"L1": 0, "L2": 1, "L3": 2}, {}),
+    (FLOOR, {"G": 100, "M5": 205, "7": 9}, {}),
+    ('car_floor: {at: "holding:3", type: int16, as: floor}', {"B2": -2, "B1": -1, "G": 0, "L1": 1}, {"type": "int16"}),
+    ('car_floor: {at: "holding:3", as: floor, code: bcd}', TENS, {"code": "bcd"}),
+    ('car_floor: {at: "holding:3", as: floor, byte_order: low_first}', FOUR, {"byte_order": "low_first"}),
+    ('car_floor: {at: "holding:3", as: floor, code: gray}', FOUR, {}),
+    ('car_floor: {one_of: ["holding:7.3", "holding:7.4", "holding:7.8"]}', {"L1": 0, "L2": 1, "L3": 2}, {}),
+    ('car_floor: {code_of: ["discrete:4", "discrete:5", "discrete:6"]}', FOUR | {"L5": 5}, {}),
+    ('car_floor: {code_of: ["discrete:4", "discrete:5", "discrete:6"], code: gray, active: low}', FOUR | {"L5": 5}, {}),
+    ('car_floor: {one_of: ["discrete:9", "discrete:8", "discrete:7"]}', {"L1": 0, "L2": 1, "L3": 2}, {}),
+    ('car_floor: {one_of: ["discrete:9", "discrete:11", "discrete:13"], active: low}', {"L1": 0, "L2": 1, "L3": 2}, {"active": "low"}),
+    ('car_floor: {one_of: ["holding:20.0", "holding:21.0", "holding:22.0"]}', {"L1": 0, "L2": 1, "L3": 2}, {}),
+]  # fmt: skip
+"""The signal, the floors of the lift, and what the draft is to say of it besides."""
+DOORS: list[tuple[str, dict[str, object]]] = [
+    ('door.front: {at: "discrete:3"}', {"at": "discrete:3"}),
+    ('door.front: {at: "discrete:3", active: low}', {"at": "discrete:3", "active": "low"}),
+    ('door.front: {at: "discrete:3", values: {0: moving, 1: closed}}', {"values": {0: "moving", 1: "closed"}}),
+    ('door.front: {at: "discrete:3", values: {1: moving, 0: closed}}', {"values": {1: "moving", 0: "closed"}}),
+    ('door.front: {open_limit: "discrete:9", closed_limit: "discrete:3"}', {"open_limit": "discrete:9"}),
+    ('door.front: {open_limit: "discrete:9", closed_limit: "discrete:3", active: low}', {"active": "low"}),
+    ('door.front: {open_limit: "holding:9.7", closed_limit: "holding:9.12"}', {"at": "holding:9"}),
+    (DOOR, {"values": {0: "closed", 1: "opening", 2: "open", 3: "closing"}}),
+    ('door.front: {at: "holding:4", values: {7: closed, 9: moving, 255: open}}', {"values": {7: "closed", 9: "moving", 255: "open"}}),
+    ('door.front: {at: "holding:4", bits: [9, 11], values: {1: closed, 2: opening, 3: open, 4: closing}}', {"at": "holding:4"}),
+    ('door.front: {at: "holding:4", values: {0: closed, 1: open}}', {"values": {0: "closed", 1: "open"}}),
+    ('door.front: {at: "holding:4", values: {1: closed, 2: open}}', {"values": {1: "closed", 2: "open"}}),
+]  # fmt: skip
+MOTIONS: list[tuple[str, dict[str, object]]] = [
+    (MOTION, {"at": "holding:5"}),
+    ('motion: {at: "holding:5", values: {1: stopped, 4: up, 2: down}}', {"at": "holding:5"}),
+    ('motion: {at: "holding:5", bits: [2, 4], values: {1: stopped, 2: up, 5: down}}', {"at": "holding:5"}),
+    ('motion: {up: "discrete:6", down: "discrete:2"}', {"up": "discrete:6", "down": "discrete:2"}),
+    ('motion: {up: "holding:5.6", down: "holding:5.2"}', {}),
+    ('motion: {up: "discrete:6", down: "discrete:2", active: low}', {"active": "low"}),
+    ('motion: {at: "discrete:6", values: {0: stopped, 1: moving}}', {"values": {0: "stopped", 1: "moving"}}),
+    ('motion: {at: "discrete:6", values: {1: stopped, 0: moving}}', {"values": {1: "stopped", 0: "moving"}}),
+]
+
+
+@each_row(("floor", "door", "motion"), zip(FLOORS, cycle(DOORS), cycle(MOTIONS), strict=False))
+def test_floor_door_and_motion_are_found_in_any_coding(
+    floor: tuple[str, dict[str, int], dict[str, object]],
+    door: tuple[str, dict[str, object]],
+    motion: tuple[str, dict[str, object]],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    truth = lift(floor, DOOR, MOTION)
+    of_floor, floors, keys_of_floor = floor
+    (of_door, keys_of_door), (of_motion, keys_of_motion) = door, motion
+    truth = lift(of_floor, of_door, of_motion)
     got = ridden(truth, last=LAST, floors=floors)
     found = analyse(got.recording)
-    proposal = found.of("car_floor")
-    assert proposal is not None
-    assert proposal.confidence is not Confidence.NOT_SURE, proposal.reasons
-    assert keys.items() <= proposal.spec.items()
-    assert disagreements(got, found, truth, tmp_path_factory.mktemp("draft")) == set()
-
-
-@each_row(
-    ("door", "keys"),
-    [
-        ('door.front: {at: "discrete:3"}', {"at": "discrete:3"}),
-        ('door.front: {at: "discrete:3", active: low}', {"at": "discrete:3", "active": "low"}),
-        ('door.front: {at: "discrete:3", values: {0: moving, 1: closed}}', {"values": {0: "moving", 1: "closed"}}),
-        ('door.front: {at: "discrete:3", values: {1: moving, 0: closed}}', {"values": {1: "moving", 0: "closed"}}),
-        ('door.front: {open_limit: "discrete:9", closed_limit: "discrete:3"}', {"open_limit": "discrete:9"}),
-        ('door.front: {open_limit: "discrete:9", closed_limit: "discrete:3", active: low}', {"active": "low"}),
-        ('door.front: {open_limit: "holding:9.7", closed_limit: "holding:9.12"}', {"at": "holding:9"}),
-        (DOOR, {"values": {0: "closed", 1: "opening", 2: "open", 3: "closing"}}),
-        ('door.front: {at: "holding:4", values: {7: closed, 9: moving, 255: open}}', {"values": {7: "closed", 9: "moving", 255: "open"}}),
-        ('door.front: {at: "holding:4", bits: [9, 11], values: {1: closed, 2: opening, 3: open, 4: closing}}', {"at": "holding:4"}),
-        ('door.front: {at: "holding:4", values: {0: closed, 1: open}}', {"values": {0: "closed", 1: "open"}}),
-        ('door.front: {at: "holding:4", values: {1: closed, 2: open}}', {"values": {1: "closed", 2: "open"}}),
-    ],
-)  # fmt: skip
-def test_a_door_is_found_in_any_coding(
-    door: str, keys: dict[str, object], tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    truth = lift(FLOOR, door, MOTION)
-    got = ridden(truth, last=LAST, floors=FOUR)
-    found = analyse(got.recording)
-    proposal = found.of("door.front")
-    assert proposal is not None
-    assert proposal.confidence is not Confidence.NOT_SURE, proposal.reasons
-    assert keys.items() <= proposal.spec.items()
-    assert disagreements(got, found, truth, tmp_path_factory.mktemp("draft")) == set()
-
-
-@each_row(
-    ("motion", "keys"),
-    [
-        (MOTION, {"at": "holding:5"}),
-        ('motion: {at: "holding:5", values: {1: stopped, 4: up, 2: down}}', {"at": "holding:5"}),
-        ('motion: {at: "holding:5", bits: [2, 4], values: {1: stopped, 2: up, 5: down}}', {"at": "holding:5"}),
-        ('motion: {up: "discrete:6", down: "discrete:2"}', {"up": "discrete:6", "down": "discrete:2"}),
-        ('motion: {up: "holding:5.6", down: "holding:5.2"}', {}),
-        ('motion: {up: "discrete:6", down: "discrete:2", active: low}', {"active": "low"}),
-        ('motion: {at: "discrete:6", values: {0: stopped, 1: moving}}', {"values": {0: "stopped", 1: "moving"}}),
-        ('motion: {at: "discrete:6", values: {1: stopped, 0: moving}}', {"values": {1: "stopped", 0: "moving"}}),
-    ],
-)
-def test_a_motion_is_found_in_any_coding(
-    motion: str, keys: dict[str, object], tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    truth = lift(FLOOR, DOOR, motion)
-    got = ridden(truth, last=LAST, floors=FOUR)
-    found = analyse(got.recording)
-    proposal = found.of("motion")
-    assert proposal is not None
-    assert proposal.confidence is not Confidence.NOT_SURE, proposal.reasons
-    assert keys.items() <= proposal.spec.items()
+    wanted = {"car_floor": keys_of_floor, "door.front": keys_of_door, "motion": keys_of_motion}
+    for signal, keys in wanted.items():
+        proposal = found.of(signal)
+        assert proposal is not None, signal
+        assert proposal.confidence is not Confidence.NOT_SURE, proposal.reasons
+        assert keys.items() <= proposal.spec.items()
     assert disagreements(got, found, truth, tmp_path_factory.mktemp("draft")) == set()
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.commissioning.learn.analyse import Findings, analyse
+from lift_manager.commissioning.learn.samples import MarkKind
 from lift_manager.commissioning.learn.tracks import Confidence
 from lift_manager.lab.plant import default_floors
 from register_maps.load import shipped
@@ -47,15 +48,15 @@ def test_of_a_module_without_inputs_nothing_is_found(name: str) -> None:
     assert documented()[name] == ["-"] * len(COLUMNS)
 
 
-@pytest.mark.parametrize("marks", ["-", "/", ""])
 @pytest.mark.parametrize("name", [name for name in shipped() if name not in BLIND])
-def test_a_careless_ride_leads_to_nothing_wrong(name: str, marks: str, tmp_path: Path) -> None:
+def test_a_careless_ride_leads_to_nothing_wrong(name: str, tmp_path: Path) -> None:
     truth = compiled(name)
     low, high, *_ = default_floors(truth.map)
-    got = ridden(truth, plan=[low, high, low], marks=marks)
-    found = analyse(got.recording)
-    assert disagreements(got, found, truth, tmp_path) == set()
-    assert Confidence.SURE not in {one for signal, one in confident(found).items() if signal != "alive"}
+    got = ridden(truth, plan=[low, high, low])
+    for also in ({MarkKind.CLOSED}, {MarkKind.DOOR}, set[MarkKind]()):
+        found = analyse(got.with_marks(MarkKind.OPEN, MarkKind.MOVING, *also))
+        assert (also, disagreements(got, found, truth, tmp_path)) == (also, set())
+        assert Confidence.SURE not in {one for signal, one in confident(found).items() if signal != "alive"}, also
 
 
 def row(found: Findings) -> list[str]:
