@@ -97,16 +97,10 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     add_docs(app)
     add_page(app)
     add_announcements(app, announcements or {})
-    app.include_router(workshop)
-    app.include_router(lifts.router)
-    app.include_router(sessions.router)
-    app.include_router(rmf.router)
-    app.include_router(rides.router)
-    app.include_router(people.router)
-    app.include_router(login.router)
-    app.include_router(events.router)
-    app.include_router(health.health_router(site))
-    app.include_router(health.metrics_router(metrics))
+    routers = (lifts.router, sessions.router, rmf.router, rides.router, people.router, login.router, events.router)
+    for router in (workshop, *routers, health.health_router(site), health.metrics_router(metrics)):
+        # `include_router` would analyse every route once more for each application, at its first request
+        app.router.routes.extend(router.routes)
     describe_access(app, routes, keys, site.lift_names())
     return app
 
