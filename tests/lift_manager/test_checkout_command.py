@@ -18,7 +18,8 @@ import httpx
 import pytest
 from pyModbusTCP.client import ModbusClient
 
-from tests.support.programs import HANGS_S, LIFT_MANAGER, Started, call, free_port
+from tests.support.forked import Forked
+from tests.support.programs import HANGS_S, Started, call, free_port, run
 
 WHO = ("--by", "Ana Silva, Integrator Ltd", "--technician", "Bo Berg, Lifts Ltd")
 PRECONDITIONS = [
@@ -36,12 +37,12 @@ WHERE = r"At which floor[^\[]*\[L1/L2/L3/\?\] "
 
 
 class Terminal:
-    """A program at a terminal of 80 columns."""
+    """A program at a terminal."""
 
     def __init__(self, *words: str) -> None:
         self._ours, theirs = pty.openpty()
-        env = os.environ | {"COLUMNS": "80", "TERM": "dumb", "NO_COLOR": "1"}
-        self.program = subprocess.Popen([*LIFT_MANAGER, *words], stdin=theirs, stdout=theirs, stderr=theirs, env=env)
+        env = os.environ | {"TERM": "dumb", "NO_COLOR": "1"}
+        self.program = Forked(words, env=env, stdin=theirs, out=theirs, err=theirs)
         os.close(theirs)
         self.seen = ""
         self._at = 0
@@ -78,7 +79,7 @@ class Terminal:
 
     def close(self) -> None:
         self.program.kill()
-        self.program.wait()
+        self.program.wait(HANGS_S)
         os.close(self._ours)
 
 
@@ -167,14 +168,7 @@ def test_a_checkout_is_interrupted_and_resumed_and_survives_a_killed_manager(sit
 
 
 def piped(site: Path, answers: str, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*LIFT_MANAGER, "checkout", str(site), "lift1", *words],
-        input=answers,
-        capture_output=True,
-        text=True,
-        timeout=HANGS_S,
-        check=False,
-    )
+    return run("checkout", site, "lift1", *words, piped=answers)
 
 
 def test_answers_may_come_through_a_pipe_and_their_end_ends_the_checkout(site: Path) -> None:

@@ -11,13 +11,15 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import gettempdir
 
 import pytest
 import yaml
 
 from drivers.errors import ControllerTaken
 from drivers.modbus.lock import controller_lock
-from tests.support.programs import HANGS_S, LIFT_MANAGER, Started, call, eventually, free_port
+from tests.support.forked import Forked
+from tests.support.programs import HANGS_S, Started, call, eventually, free_port
 from tests.support.rows import each_row
 
 SLOW = {
@@ -53,6 +55,12 @@ def is_taken(port: int) -> bool:
             return False
     except ControllerTaken:
         return True
+
+
+def taken_last_by(port: int) -> str:
+    """The id of the process that took the lock of the controller last: an attempt to take it could turn that one away."""
+    file = Path(gettempdir()) / f"lift-manager-{os.getuid()}" / f"127.0.0.1_{port}.lock"
+    return file.read_text("utf-8") if file.exists() else ""
 
 
 def codes(printed: str) -> set[str]:
@@ -138,16 +146,13 @@ def test_init_names_a_map_of_ones_own_by_its_path_from_the_file(
 
 
 class Person:
-    """Somebody at a terminal of 80 columns, who answers what is asked."""
+    """Somebody at a terminal, who answers what is asked."""
 
     def __init__(self, *words: str, folder: Path) -> None:
         self._near, far = pty.openpty()
         self.printed = ""
         self._read_up_to = 0
-        env = os.environ | {"TERM": "dumb", "COLUMNS": "80"}
-        self.process = subprocess.Popen(
-            [*LIFT_MANAGER, *words], stdin=far, stdout=far, stderr=far, cwd=folder, env=env, start_new_session=True
-        )
+        self.process = Forked(words, env=os.environ | {"TERM": "dumb"}, stdin=far, out=far, err=far, cwd=folder)
         os.close(far)
 
     def read_until(self, text: str) -> None:
@@ -179,7 +184,7 @@ class Person:
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
-            self.process.wait()
+            self.process.wait(HANGS_S)
         os.close(self._near)
 
 
@@ -216,9 +221,10 @@ def test_a_person_at_a_terminal_is_asked_for_everything_and_asked_again(
 
 
 def test_ctrl_c_ends_doctor_at_once(port: int, tmp_path: Path, people: list[Person]) -> None:
+    before = taken_last_by(port)
     person = Person("doctor", f"127.0.0.1:{port}", "--map", "generic-registers", "--seconds", "3000", folder=tmp_path)
     people.append(person)
-    eventually(lambda: is_taken(port))
+    eventually(lambda: taken_last_by(port) != before)
     person.process.send_signal(signal.SIGINT)
     assert person.ended() == 2
     assert "stopped; nothing was written" in person.printed

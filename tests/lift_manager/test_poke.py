@@ -4,7 +4,6 @@ import json
 import os
 import re
 import signal
-import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +13,8 @@ import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
 from register_maps.load import MAPS
-from tests.support.programs import HANGS_S, LIFT_MANAGER, Started, call, eventually, free_port, run
+from tests.support.forked import Forked
+from tests.support.programs import HANGS_S, Started, call, eventually, free_port, run
 from tests.support.rows import each_row
 
 LIFT = "east"
@@ -87,13 +87,8 @@ class Terminal:
         own, other = os.openpty()
         start.callback(os.close, own)
         self._text, self._own = b"", own
-        self.process = subprocess.Popen(
-            [*LIFT_MANAGER, *map(str, arguments)],
-            stdin=other,
-            stdout=other,
-            stderr=other,
-            env=os.environ | {"COLUMNS": "80", "TERM": "dumb"},
-        )
+        words = list(map(str, arguments))
+        self.process = Forked(words, env=os.environ | {"TERM": "dumb"}, stdin=other, out=other, err=other)
         os.close(other)
         start.callback(self._end)
         threading.Thread(target=self._read, daemon=True).start()

@@ -65,6 +65,7 @@ class Program:
         *,
         forked: bool = False,
         more: Mapping[str, str] | None = None,
+        stdin: int | None = None,
     ) -> None:
         self._out, self._err = folder / "out", folder / "err"
         self._process: subprocess.Popen[bytes] | Forked
@@ -72,7 +73,7 @@ class Program:
             # what a manager remembers over a restart ends with the test, unless its site file names a folder
             env = os.environ | {"XDG_STATE_HOME": str(folder)} | dict(more or {})
             if forked:
-                self._process = Forked(command, env=env, cwd=cwd, out=out.fileno(), err=err.fileno())
+                self._process = Forked(command, env=env, cwd=cwd, out=out.fileno(), err=err.fileno(), stdin=stdin)
             else:
                 self._process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd, env=env
@@ -164,17 +165,27 @@ class Started(ExitStack):
 
 
 def run(
-    *arguments: str | Path, cwd: Path | None = None, env: Mapping[str, str] | None = None
+    *arguments: str | Path, cwd: Path | None = None, env: Mapping[str, str] | None = None, piped: str = ""
 ) -> subprocess.CompletedProcess[str]:
-    """Run `lift-manager` to its end, forked by the starter."""
+    """Run `lift-manager` to its end, forked by the starter; `piped` comes through a pipe as its input, and then that ends."""
     words = tuple(map(str, arguments))
-    with TemporaryDirectory() as folder:
-        program = Program(words, Path(folder), cwd, forked=True, more=env)
+    with TemporaryDirectory() as folder, _pipe_with(piped) as stdin:
+        program = Program(words, Path(folder), cwd, forked=True, more=env, stdin=stdin)
         try:
             code = program.ended()
         finally:
             program.end()
         return subprocess.CompletedProcess(words, code, program.out, program.err)
+
+
+@contextmanager
+def _pipe_with(text: str) -> Iterator[int]:
+    """The end to read of a pipe that holds this."""
+    reads, writes = os.pipe()
+    with os.fdopen(reads, "rb") as pipe:
+        with os.fdopen(writes, "wb") as filled:
+            filled.write(text.encode())
+        yield pipe.fileno()
 
 
 def run_anew(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
