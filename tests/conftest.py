@@ -1,10 +1,11 @@
-"""What every test runs under: repeatable examples, and programs from outside that may be absent."""
+"""What every test runs under: repeatable examples, an order, and programs from outside that may be absent."""
 
 import gc
 import os
 import shutil
 import signal
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,27 @@ from hypothesis import settings
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
 
+TESTS = Path(__file__).parent
+LONGEST = (
+    "campaigns/test_crash.py",
+    "lift_manager/commissioning/learn/test_codings.py",
+    "lift_manager/lab/test_pytest_plugin.py",
+    "lift_manager/commissioning/learn/test_shipped_maps.py",
+    "lift_manager/test_checkout_command.py",
+    "lift_manager/test_watch_and_trace.py",
+    "lift_manager/test_end_to_end.py",
+    "lift_manager/test_own_manager.py",
+    "lift_manager/store/test_committer.py",
+    "lift_manager/commissioning/checkout/test_steps.py",
+    "lift_manager/commissioning/plc/test_program_text.py",
+    "lift_manager/client/test_contract.py",
+    "lift_manager/rmf/test_rides.py",
+    "external/test_stunnel.py",
+    "trips/test_trips.py",
+    "test_benchmarks.py",
+    "lift_manager/web/test_docs.py",
+)
+"""Files that take ten seconds and more. They begin first, so that at the end of a run no worker has one left while others wait."""
 DESELECTED = pytest.StashKey[dict[str, int]]()
 UNDER_CI = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
@@ -27,6 +49,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    place = {TESTS / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
     if UNDER_CI:
         return  # they fail instead, see pytest_runtest_setup
     kept: list[pytest.Item] = []

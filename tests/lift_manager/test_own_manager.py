@@ -188,8 +188,7 @@ def test_what_the_manager_has_logged_is_printed_after_the_error_of_a_tool(
     assert "the lifts are main" in sentence
 
 
-@each_row("times", [1, 3])
-@each_row("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@each_row(("number", "times"), [(signal.SIGINT, 1), (signal.SIGINT, 3), (signal.SIGTERM, 3), (signal.SIGHUP, 1)])
 def test_a_signal_releases_a_held_door_however_often_it_comes(
     lift_simulator: LiftSimulator, site: Path, number: signal.Signals, times: int
 ) -> None:
