@@ -26,6 +26,8 @@ REACTS_S = 0.6
 LOOKS_S = 0.1
 """Every so often the person looks, at most so much after it happened."""
 SHOWN_EVERY_S = 0.2
+GAP_S = 0.1
+"""Between two reads: twice as long as usual, as at a slow controller, which leaves less to learn from."""
 
 
 Extra = Mapping[tuple[Table, int], Callable[[int, float], int]]
@@ -192,7 +194,7 @@ def ridden(
         return controller.answer(frame)
 
     async def main() -> Ridden:
-        prober = Prober(MemoryWire(answer), unit=codec.map.unit_of(""))
+        prober = Prober(MemoryWire(answer), unit=codec.map.unit_of(""), gap_s=GAP_S)
         likely = last is None
         found = await survey(prober, lambda _progress: None, last=LAST if last is None else last, likely=likely)
         recording = samples.begin(found, peer="memory", unit=prober.unit, began="2026-11-23T20:00:00")
