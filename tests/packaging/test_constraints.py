@@ -17,7 +17,11 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf
 BUILD: list[str] = PROJECT["build-system"]["requires"]
 RUN: list[str] = PROJECT["project"]["dependencies"]
 EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
-NEEDED = {"run": [*BUILD, *RUN], "dev": [*BUILD, *RUN, *chain.from_iterable(EXTRAS.values())]}
+NEEDED = {
+    "run": [*BUILD, *RUN],
+    "dev": [*BUILD, *RUN, *chain.from_iterable(EXTRAS.values())],
+    "docs": PROJECT["dependency-groups"]["docs"],
+}
 PYTHONS = ("3.11", "3.12", "3.13")
 MACHINES = ("x86_64", "aarch64")
 

@@ -116,7 +116,7 @@ def machine(tmp_path: Path) -> Machine:
     return machine
 
 
-@each_row("path", ["scripts/demo", "scripts/test", "scripts/pin", ".ci/run"])
+@each_row("path", ["scripts/demo", "scripts/test", "scripts/docs", "scripts/pin", ".ci/run"])
 def test_the_commands_are_executable_and_free_of_syntax_errors(path: str) -> None:
     assert os.access(ROOT / path, os.X_OK)
     for script in (ROOT / path, ROOT / "scripts" / "lib.sh"):
