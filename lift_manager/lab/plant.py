@@ -23,10 +23,16 @@ USUAL_FLOORS = 4
 
 
 def simulated_lift(
-    codec: Codec, floors: Mapping[str, int], *, speed: float = 1.0, like: Parameters | None = None
+    codec: Codec,
+    floors: Mapping[str, int],
+    *,
+    doors: Mapping[str, Collection[Side]] | None = None,
+    speed: float = 1.0,
+    like: Parameters | None = None,
 ) -> RegisterFace:
     """Return a lift with these floors (name to code, lowest first), standing at the lowest floor that is not a basement.
 
+    Every door of the map serves every floor, but for the floors that `doors` names.
     If the commands of a map need robot mode and it has no command for it, the key switch of the lift is set to robot. `like` has further
     settings; its building is replaced. Raises ValueError for a floor that the map cannot express.
     """
@@ -35,7 +41,8 @@ def simulated_lift(
     named = {*codec.signals, *codec.commands}
     kinds = ("door", "hold_door", "close_door", "go_to")
     sides = frozenset(side for side in Side if not named.isdisjoint({f"{kind}.{side}" for kind in kinds}))
-    doors_at = (sides or frozenset({Side.FRONT}),) * len(floors)
+    everywhere = sides or frozenset({Side.FRONT})
+    doors_at = tuple(frozenset((doors or {}).get(floor, everywhere)) for floor in floors)
     building = shaft.Parameters(heights_m=shaft.even_heights(len(floors)), doors_at=doors_at)
     codes = tuple(floors.values())
     start = next((index for index, code in enumerate(codes) if code >= 0), 0)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lift_manager.config.site import Lift
+from pydantic import TypeAdapter, ValidationError
+
+from lift_manager.config.site import AnyFloor, Floor, Lift
 from lift_manager.lab.bench.errors import BenchError
 from lift_manager.lab.bench.naming import device_fault
 from lift_manager.lab.plant import default_floors
@@ -15,6 +18,7 @@ from register_maps.codec import Codec, compile_map
 from register_maps.errors import MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.plain import closest
+from register_maps.words import Side
 from simulator.faults import Fault
 
 NAME = "lift"
@@ -34,6 +38,9 @@ _FIXED_KEYS = frozenset({"controller", "endpoints", "offset", "unit_id", "floors
 _SITE_KEYS = tuple(name for name in Lift.model_fields if name not in _FIXED_KEYS)
 
 
+_FLOOR: TypeAdapter[Floor] = TypeAdapter(AnyFloor)
+
+
 @dataclass(frozen=True, slots=True)
 class LiftPlan:
     """One lift of a test."""
@@ -42,6 +49,8 @@ class LiftPlan:
     map: LoadedMap
     codec: Codec
     floors: Mapping[str, int]
+    doors: Mapping[str, frozenset[Side]]
+    """Of the floors that name theirs; the others are served by every door of the map."""
     speed: float
     faults: tuple[Fault, ...]
     """The faults with which it begins."""
@@ -92,7 +101,7 @@ def _plan(marker: Mapping[str, Any], near: Path) -> LiftPlan:
     except (MapFileError, OSError) as error:
         raise BenchError(f"{name}: map {map_name!s} cannot be used: {error}") from error
     codec = compile_map(loaded.map)
-    floors = _floors(name, marker.get("floors"), codec)
+    floors, doors = _floors(name, marker.get("floors"), codec)
     least_s = max(POLL_S, loaded.map.link.min_poll_s)
     usual = {
         "access": "control",
@@ -106,26 +115,37 @@ def _plan(marker: Mapping[str, Any], near: Path) -> LiftPlan:
         loaded,
         codec,
         floors,
+        doors,
         float(speed),
         _faults(name, marker.get("faults", ()), tuple(floors)),
         usual | keys,
     )
 
 
-def _floors(name: str, given: object, codec: Codec) -> dict[str, int]:
+def _floors(name: str, given: object, codec: Codec) -> tuple[dict[str, int], dict[str, frozenset[Side]]]:
+    """Return the code of each floor, and the doors of those that name theirs."""
     if given is None:
         try:
-            return default_floors(codec.map)
+            return default_floors(codec.map), {}
         except ValueError as error:
             raise BenchError(f"{name}: {error}") from error
     if not isinstance(given, Mapping) or len(given) < 2:
         raise BenchError(
             f'{name}: floors must be two or more, lowest first, such as {{"L1": 1, "L2": 2}}, not {given!r}'
         )
-    for floor, code in given.items():
-        if not isinstance(floor, str) or isinstance(code, bool) or not isinstance(code, int):
-            raise BenchError(f'{name}: floors are names with codes, such as {{"L1": 1}}, not {{{floor!r}: {code!r}}}')
-    return dict(given)
+    codes, doors = {}, {}
+    for floor, value in given.items():
+        try:
+            known = _FLOOR.validate_json(json.dumps(value), strict=True)
+        except (ValidationError, TypeError):
+            known = None
+        if not isinstance(floor, str) or known is None:
+            form = '{"L1": 1}, or {"L1": {"code": 1, "doors": ["rear"]}}'
+            raise BenchError(f"{name}: floors are names with codes, such as {form}, not {{{floor!r}: {value!r}}}")
+        codes[floor] = known.code
+        if known.doors is not None:
+            doors[floor] = frozenset(known.doors)
+    return codes, doors
 
 
 def _faults(name: str, given: Any, floors: tuple[str, ...]) -> tuple[Fault, ...]:

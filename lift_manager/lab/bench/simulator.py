@@ -49,7 +49,7 @@ class Plant:
     def __init__(self, plan: LiftPlan) -> None:
         """Raises BenchError for floors that the map cannot express."""
         try:
-            self.face = simulated_lift(plan.codec, plan.floors, speed=plan.speed)
+            self.face = simulated_lift(plan.codec, plan.floors, doors=plan.doors, speed=plan.speed)
         except ValueError as error:
             raise BenchError(f"{plan.name}: {error}") from error
         self.name = plan.name

@@ -298,7 +298,10 @@ def site_file(plans: Sequence[LiftPlan], ports: Mapping[str, Mapping[str, int]],
             )
         lifts[plan.name] = {
             "controller": _controller(plan.name, ""),
-            "floors": dict(plan.floors),
+            "floors": {
+                floor: {"code": code} | ({"doors": sorted(plan.doors[floor])} if floor in plan.doors else {})
+                for floor, code in plan.floors.items()
+            },
             "endpoints": {
                 endpoint: {"controller": _controller(plan.name, endpoint), "unit_id": plan.codec.map.unit_of(endpoint)}
                 for endpoint in ports[plan.name]

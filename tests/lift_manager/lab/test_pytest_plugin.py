@@ -421,7 +421,12 @@ MISTAKES = [
     ("map=7", "lift: map must be the name of a shipped map or a path, not 7"),
     ("map='./nowhere.yaml'", "lift: map ./nowhere.yaml cannot be used: "),
     ("floors=['L1', 'L2']", "lift: floors must be two or more, lowest first"),
-    ("floors={'L1': 'one', 'L2': 2}", "lift: floors are names with codes, such as {\"L1\": 1}, not {'L1': 'one'}"),
+    (
+        "floors={'L1': 'one', 'L2': 2}",
+        'lift: floors are names with codes, such as {"L1": 1}, or {"L1": {"code": 1, "doors": ["rear"]}}, not {\'L1\': \'one\'}',
+    ),
+    ("floors={'L1': {'code': 1, 'doors': ['left']}, 'L2': 2}", "lift: floors are names with codes, such as "),
+    ("floors={'L1': True, 'L2': 2}", "lift: floors are names with codes, such as "),
     ("map='two-stop-agv', floors={'L1': 0, 'L9': 9}", "lift: "),
     ("speed=0", "lift: speed must be a number above 0, such as 20, not 0"),
     ("faults='stuck'", "lift: no fault of a lift has the name 'stuck'; did you mean `stuck_door`?"),
