@@ -92,10 +92,8 @@ def terminal(*words: str) -> Iterator[Terminal]:
         found.close()
 
 
-@pytest.fixture
-def site(tmp_path: Path) -> Iterator[Path]:
-    port = free_port()
-    path = tmp_path / "site.yaml"
+def site_file(folder: Path, port: int) -> Path:
+    path = folder / "site.yaml"
     lift = {"controller": "plc", "access": "monitor", "floors": {"L1": 0, "L2": 1, "L3": 2}, "max_age_s": 10}
     content = {
         "schema": 1,
@@ -105,9 +103,15 @@ def site(tmp_path: Path) -> Iterator[Path]:
         "lifts": {"lift1": lift},
     }
     path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Path]:
+    port = free_port()
     with Started() as start:
         start("simulate", "generic-coils", "--port", str(port), "--speed", "10").says("Ctrl-C")
-        yield path
+        yield site_file(tmp_path, port)
 
 
 def outputs(site: Path) -> list[bool]:
@@ -165,6 +169,30 @@ def test_a_checkout_is_interrupted_and_resumed_and_survives_a_killed_manager(sit
     assert re.search(r"F-02 .*\n", listed)
     assert "pass" not in re.search(r"F-02.*", listed)[0]  # type: ignore[index]
     assert "proved by document" in re.sub(r"\s+", " ", listed)
+
+
+def test_in_the_factory_a_signal_is_tested_at_the_panel_of_the_simulated_lift(tmp_path: Path) -> None:
+    port = free_port()
+    site = site_file(tmp_path, port)
+    words = ("checkout", str(site), "lift1", *WHO, "--stage", "fat", "--item", "S-27")
+    with Started() as start:
+        simulated = start("simulate", "generic-coils", "--port", str(port), "--speed", "10", "--panel", "0")
+        lift = simulated.says(r"make faults: (http://\S+/)")[1] + "lifts/generic-coils/"
+        loose = {"name": "disconnected_signal", "values": {"signal": "independent"}}
+        with terminal(*words) as person:
+            for pattern, line in PRECONDITIONS[:4]:
+                person.answer(pattern, line)
+            for pattern, control, body in (
+                (f"Make it so: a person has the car by key.*{DONE}", "inputs", {"key": "independent"}),
+                (f"Make it no longer so: a person has the car by key.*{DONE}", "inputs", {"key": "normal"}),
+                (f"Disconnect the wire of independent.*{DONE}", "faults/begin", loose),
+                (f"Connect independent.*again.*{DONE}", "faults/end", loose),
+            ):
+                person.expect(pattern)
+                httpx.post(lift + control, json=body, trust_env=False).raise_for_status()
+                person.answer("", "")
+            person.expect("S-27: pass")
+            assert person.ended() == 3
 
 
 def piped(site: Path, answers: str, *words: str) -> subprocess.CompletedProcess[str]:
