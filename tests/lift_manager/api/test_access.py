@@ -9,6 +9,7 @@ from starlette.routing import compile_path
 
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, holds_key, is_token, redacted, token
 from lift_manager.api.roles import ROLES, ROUTES, AccessLevel, LiftIn, Role, Route, refusal
+from tests.support.rows import each_row
 
 SECRET = "5ec2e7" * 10 + "beef"
 TOKEN = f"lm_0123abcd_{SECRET}"
@@ -28,7 +29,7 @@ def test_viewer_operator_and_commissioner_each_may_all_that_the_one_before_may()
     ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("asked", "may"),
     [(["east"], True), (["west"], False), (["east", "west"], False), ([], False), (["east", "east"], True)],
 )
@@ -37,7 +38,7 @@ def test_a_robot_commands_its_own_lifts_and_nothing_that_names_none(asked: list[
     assert refusal(Role.ROBOT, ["east"], AccessLevel.READ, asked) == ""
 
 
-@pytest.mark.parametrize(("asked", "may"), [(["east"], True), (["west"], False), ([], False)])
+@each_row(("asked", "may"), [(["east"], True), (["west"], False), ([], False)])
 def test_only_a_key_of_rmf_speaks_for_rmf_of_its_own_lifts_and_it_may_read_and_nothing_else(
     asked: list[str], may: bool
 ) -> None:
@@ -85,7 +86,7 @@ def first_match(method: str, path: str) -> tuple[Route, str]:
 LIKE_A_WORD_OF_A_PATH = ("east", "B-2_goods.1", "sessions", "rides", "lockout", "capabilities", "session", "s1")
 
 
-@pytest.mark.parametrize("route", ROUTES, ids=str)
+@each_row("route", ROUTES)
 def test_a_request_reaches_its_route_and_names_its_lift_whatever_the_lift_is_called(route: Route) -> None:
     for method, lift in product(route.methods, LIKE_A_WORD_OF_A_PATH):
         found, named = first_match(method, filled(route, lift))
@@ -93,7 +94,7 @@ def test_a_request_reaches_its_route_and_names_its_lift_whatever_the_lift_is_cal
         assert named == (lift if route.lift_in is LiftIn.PATH else "")
 
 
-@pytest.mark.parametrize("route", ROUTES, ids=str)
+@each_row("route", ROUTES)
 def test_no_two_routes_take_the_same_request(route: Route) -> None:
     path = filled(route, "east")
     for method in route.methods:
@@ -106,7 +107,7 @@ def test_a_key_is_found_by_its_secret_alone() -> None:
     assert str(RING.find(token(KEY.id, SECRET))) == str(KEY)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "wrong",
     [
         "",
@@ -146,12 +147,12 @@ def test_a_secret_shows_itself_in_no_text() -> None:
     assert not hasattr(secret, "__dict__")
 
 
-@pytest.mark.parametrize("text", [TOKEN, TOKEN.upper(), TOKEN[:30], f"/lifts/{TOKEN}/lockout", SECRET, SECRET[2:]])
+@each_row("text", [TOKEN, TOKEN.upper(), TOKEN[:30], f"/lifts/{TOKEN}/lockout", SECRET, SECRET[2:]])
 def test_what_holds_a_key_or_the_better_part_of_one_is_recognised(text: str) -> None:
     assert holds_key(text)
 
 
-@pytest.mark.parametrize("text", ["", "lm_", "east wing", "lm_east_wing", "2" * 500, "a" * 59, "lm_0123abcd_..."])
+@each_row("text", ["", "lm_", "east wing", "lm_east_wing", "2" * 500, "a" * 59, "lm_0123abcd_..."])
 def test_the_names_of_lifts_and_people_are_no_keys(text: str) -> None:
     assert not holds_key(text)
 

@@ -17,11 +17,10 @@ from lift_manager.store.committer import Committer
 from lift_manager.store.database import Connect, connect
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import open_store
+from tests.support.programs import HANGS_S
 
 SITE = "Main hospital"
 LIFTS = ("east", "goods")
-WITHIN_S = 20.0
-"""Far more than anything here takes."""
 
 
 def journal(path: Path, connect: Connect = connect, **more: Any) -> Committer:
@@ -74,7 +73,7 @@ Told = asyncio.Queue[str]
 async def writing(journal: Recorder) -> AsyncIterator[Told]:
     """Let it write; gives what it tells about trouble."""
     told = Told()
-    async with asyncio.timeout(WITHIN_S):
+    async with asyncio.timeout(HANGS_S):
         running = asyncio.ensure_future(journal.run(told.put_nowait))
         try:
             yield told

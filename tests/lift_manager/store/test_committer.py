@@ -22,7 +22,6 @@ from lift_manager.store.site import read_records_of_site
 from tests.lift_manager.store.journal_disk import (
     LIFTS,
     SITE,
-    WITHIN_S,
     Disk,
     Hanging,
     full,
@@ -39,7 +38,7 @@ from tests.lift_manager.store.journal_disk import (
 )
 from tests.lift_manager.store.test_recall_contract import EVERYTHING
 from tests.lift_manager.store.test_site_store import FIRE
-from tests.support.programs import eventually, soon
+from tests.support.programs import HANGS_S, eventually, soon
 
 LARGE = "x" * 20_000
 """More than the two pages that a full disk still has."""
@@ -53,7 +52,7 @@ def path(tmp_path: Path) -> Path:
 
 async def trouble(kept: Committer, words: str) -> None:
     """Wait until it says so."""
-    await asyncio.to_thread(eventually, lambda: words in kept.trouble, WITHIN_S)
+    await asyncio.to_thread(eventually, lambda: words in kept.trouble)
 
 
 def kept_of(path: Path) -> Mapping[str, SavedLift]:
@@ -211,7 +210,7 @@ def test_what_nobody_waits_for_is_committed_soon_all_the_same(path: Path) -> Non
         async with writing(kept):
             kept.keep("east", FIRE)
             kept.note(press(1))
-            await asyncio.to_thread(eventually, lambda: path.exists() and numbers(path) == [1], WITHIN_S)
+            await asyncio.to_thread(eventually, lambda: path.exists() and numbers(path) == [1])
         assert kept.unwritten == {}
 
     asyncio.run(main())
@@ -592,7 +591,7 @@ def test_a_bug_in_writing_is_not_taken_for_a_bad_disk(path: Path, bug: type[Exce
     kept = journal(path, disk)
     disk.hook = wrong
     with pytest.raises(bug):
-        asyncio.run(asyncio.wait_for(kept.run(lambda _: None), WITHIN_S))
+        asyncio.run(asyncio.wait_for(kept.run(lambda _: None), HANGS_S))
 
 
 def test_the_log_beside_the_file_is_carried_over_and_stays_small(path: Path) -> None:

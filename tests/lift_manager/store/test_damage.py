@@ -22,7 +22,6 @@ from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import PendingRow
 from tests.lift_manager.store.journal_disk import (
     SITE,
-    WITHIN_S,
     journal,
     opened_raw,
     press,
@@ -151,7 +150,7 @@ def test_a_manager_starts_on_a_damaged_journal_presses_nothing_and_goes_on_when_
             assert await asyncio.to_thread(path.read_bytes) == before
             await asyncio.to_thread(path.rename, path.with_name("away"))
             # a trial that was under way may have begun another log after that
-            await asyncio.to_thread(eventually, lambda: log_moved_away(path) and kept.trouble == "", WITHIN_S)
+            await asyncio.to_thread(eventually, lambda: log_moved_away(path) and kept.trouble == "")
             assert await told.get() == ""
             assert await kept.commit_now(press(2)) is None
 

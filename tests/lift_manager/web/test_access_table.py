@@ -8,7 +8,6 @@ from typing import Any
 from urllib.parse import unquote
 
 import httpx
-import pytest
 from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 from starlette.types import Message, Scope
@@ -27,6 +26,7 @@ from tests.lift_manager.web.fake_sessions import a_command, a_session
 from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, key, ring
 from tests.lift_manager.web.test_announcements import SOUND
 from tests.support.programs import HANGS_S
+from tests.support.rows import each_row
 
 ASKERS: dict[str, tuple[Role | None, tuple[str, ...]]] = {
     "no key": (None, (NAMED, OTHER)),
@@ -205,7 +205,7 @@ def changes_a_lift(method: str, path: str) -> bool:
     return method == "POST" and path not in {"/api/v1/login", "/api/v1/logout"}
 
 
-@pytest.mark.parametrize(("method", "path", "said"), rows(COLUMNS))
+@each_row(("method", "path", "said"), rows(COLUMNS))
 def test_with_keys_the_application_does_what_the_table_says(method: str, path: str, said: dict[str, bool]) -> None:
     for column, may in said.items():
         role, lifts = ASKERS[column]
@@ -221,7 +221,7 @@ def test_with_keys_the_application_does_what_the_table_says(method: str, path: s
             assert bool(site.changes) is (may and changes_a_lift(method, path)), column
 
 
-@pytest.mark.parametrize(("method", "path", "said"), rows(NO_KEYS))
+@each_row(("method", "path", "said"), rows(NO_KEYS))
 def test_without_keys_the_application_does_what_the_table_says(method: str, path: str, said: dict[str, bool]) -> None:
     for column, may in said.items():
         site = manager_of(None, NAMED)
@@ -235,7 +235,7 @@ def test_without_keys_the_application_does_what_the_table_says(method: str, path
 OF_A_LIFT = [(method, route) for route in ROUTES if route.lift_in is LiftIn.PATH for method in route.methods]
 
 
-@pytest.mark.parametrize("lift", ["B-2_goods.1", "sessions", "rides", "capabilities", "signals", "rmf"])
+@each_row("lift", ["B-2_goods.1", "sessions", "rides", "capabilities", "signals", "rmf"])
 def test_the_application_takes_the_route_and_the_lift_that_the_gate_looked_at(lift: str) -> None:
     for method, route in OF_A_LIFT:
         site = manager_of(None, lift)

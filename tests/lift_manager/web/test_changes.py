@@ -2,8 +2,6 @@
 
 import json
 
-import pytest
-
 from lift_manager.api.roles import ROUTES
 from lift_manager.lift.refusals import Blocking, Refusal, Refused
 from lift_manager.lift.session import Holder
@@ -12,9 +10,10 @@ from lift_manager.web.error_codes import REFUSAL_CODES
 from register_maps.words import Mode
 from tests.lift_manager.web.changes import CHANGES, HERE, LIFT, change, refused, with_all
 from tests.lift_manager.web.fake import ask
+from tests.support.rows import each_row
 
-every_change = pytest.mark.parametrize("path", CHANGES)
-every_body = pytest.mark.parametrize("path", [path for path, body in CHANGES.items() if body is not None])
+every_change = each_row("path", CHANGES)
+every_body = each_row("path", [path for path, body in CHANGES.items() if body is not None])
 
 
 def test_the_table_has_every_change() -> None:
@@ -30,7 +29,7 @@ def test_it_is_done(path: str) -> None:
 
 
 @every_change
-@pytest.mark.parametrize("headers", [{"sec-fetch-site": "cross-site"}, {"origin": "http://evil.example"}])
+@each_row("headers", [{"sec-fetch-site": "cross-site"}, {"origin": "http://evil.example"}])
 def test_a_web_page_of_another_site_is_refused_and_written_down(path: str, headers: dict[str, str]) -> None:
     site = with_all()
     refused(change(site, path, headers=headers), 403, "another_site")
@@ -55,9 +54,7 @@ def test_a_body_of_the_longest_length_is_read(path: str) -> None:
 
 
 @every_body
-@pytest.mark.parametrize(
-    "declared", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x", "///"]
-)
+@each_row("declared", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x", "///"])
 def test_a_body_is_json_whatever_type_it_declares(path: str, declared: str) -> None:
     site = with_all()
     content = json.dumps(CHANGES[path]).encode()
@@ -75,7 +72,7 @@ def says_what_stands_in_the_way(path: str, code: Refusal) -> None:
     assert told == {"holder": "rmf", "mode": "fire", "since_s": 12.0, "age_s": 3.5, "ahead": 2}
 
 
-@pytest.mark.parametrize("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
+@each_row("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
 def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(code: Refusal) -> None:
     says_what_stands_in_the_way(f"{LIFT}/sessions", code)
 
@@ -85,13 +82,13 @@ def test_every_change_says_what_stands_in_its_way(path: str) -> None:
     says_what_stands_in_the_way(path, Refusal.HELD)
 
 
-@pytest.mark.parametrize("path", [path for path in CHANGES if "/sessions/" in path])
+@each_row("path", [path for path in CHANGES if "/sessions/" in path])
 def test_every_session_that_is_not_the_callers_is_refused_in_the_same_words(path: str) -> None:
     no = Refused(Refusal.NO_SUCH_SESSION, "because", BLOCKING)
     refused(change(with_all(refuses=no), path), 404, "no_such_session")
 
 
-@pytest.mark.parametrize("path", [path for path in CHANGES if path.startswith(LIFT)])
+@each_row("path", [path for path in CHANGES if path.startswith(LIFT)])
 def test_an_unknown_lift_is_404(path: str) -> None:
     answer = ask(with_all(), "POST", HERE + path.replace("/lift/", "/elevator/"), json=CHANGES[path])
     assert "the lifts are" in refused(answer, 404, "unknown_lift")
@@ -191,7 +188,7 @@ MALFORMED: list[tuple[str, bytes, str | None, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("path", "body", "field", "words"), MALFORMED)
+@each_row(("path", "body", "field", "words"), MALFORMED)
 def test_a_malformed_body_is_422_with_the_field_and_what_is_expected(
     path: str, body: bytes, field: str | None, words: str
 ) -> None:
@@ -213,7 +210,7 @@ def test_what_is_expected_is_told_in_words() -> None:
     )
 
 
-@pytest.mark.parametrize("content", [b"{", b" " * (LIMIT_BYTES + 1), b'{"who": 1}'])
+@each_row("content", [b"{", b" " * (LIMIT_BYTES + 1), b'{"who": 1}'])
 def test_who_may_not_send_a_request_is_told_that_before_anything_about_its_body(content: bytes) -> None:
     site = with_all()
     refused(change(site, f"{LIFT}/lockout", content=content, headers={"via": "1.1 a proxy"}), 403, "other_computer")
