@@ -112,7 +112,7 @@ REPEATED = [
 ]
 
 
-@pytest.mark.parametrize(("case", "tid_echo"), REPEATED)
+@each_row(("case", "tid_echo"), REPEATED)
 @virtual
 async def test_a_read_gets_its_own_answer_or_none_and_the_link_works_afterwards(case: Case, tid_echo: bool) -> None:
     device = MemoryDevice(delay_s=0.005)

@@ -26,6 +26,7 @@ from tests.drivers.caller import Caller
 from tests.drivers.linked import linked, virtual
 from tests.drivers.rig import HOLD, HOLD_FRONT, SIGNALS, allowed
 from tests.support.examples import examples
+from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import written_map
@@ -75,12 +76,12 @@ def declared(codec: Codec, unit: int = 1) -> DeclaredWrites:
     return made
 
 
-@pytest.mark.parametrize("request_", PASS, ids=str)
+@each_row("request_", PASS)
 def test_what_a_command_consists_of_passes(request_: Request) -> None:
     assert declared(written_map(EVERY_WAY)).allows(request_)
 
 
-@pytest.mark.parametrize("what", REFUSED)
+@each_row("what", REFUSED)
 @virtual
 async def test_anything_else_is_refused_and_does_not_leave(what: str) -> None:
     device = MemoryDevice(timed_coils=True)

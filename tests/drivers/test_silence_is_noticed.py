@@ -22,6 +22,7 @@ from lift_manager.runtime.recorder import MemoryRecorder
 from register_maps.words import Side, Table
 from tests.drivers.caller import Caller
 from tests.drivers.linked import now, virtual
+from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse
 
@@ -86,8 +87,8 @@ def falls_silent(device: MemoryDevice) -> None:
     device.fall_silent(3600)
 
 
-GOES = pytest.mark.parametrize("goes", [vanishes, falls_silent])
-AT = pytest.mark.parametrize("after_s", [5.0, 5.01, 5.05, 5.1, 5.19])
+GOES = each_row("goes", [vanishes, falls_silent])
+AT = each_row("after_s", [5.0, 5.01, 5.05, 5.1, 5.19])
 """Moments between two polls."""
 
 
@@ -135,7 +136,7 @@ async def test_without_transaction_ids_the_first_silence_does(goes: Callable[[Me
         assert await made.until(lambda: made.link.epoch == 2) == pytest.approx(0.2, abs=2 * STEP_S)
 
 
-@pytest.mark.parametrize("tid_echo", [True, False])
+@each_row("tid_echo", [True, False])
 @AT
 @virtual
 async def test_a_silent_lift_is_offline_when_its_last_reading_is_too_old(after_s: float, tid_echo: bool) -> None:

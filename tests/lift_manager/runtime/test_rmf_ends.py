@@ -33,6 +33,7 @@ from tests.lift_manager.runtime.rmf_words import (
 from tests.lift_manager.runtime.scripted import OTHER, PERMITTING, PLAIN, Bench, on_bench
 from tests.lift_manager.runtime.test_session_restart import held_by
 from tests.support.refusals import refusal
+from tests.support.rows import each_row
 from tests.support.spine import Spine, asked_of, spine
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -56,9 +57,9 @@ async def moving(made: Bench) -> None:
     await made.car(None, Door.CLOSED)
 
 
-@pytest.mark.parametrize("grace_s", [0.0, 3.0])
-@pytest.mark.parametrize("then", [idle, silent, moving])
-@pytest.mark.parametrize("phase", [just_asked, *HOLDING])
+@each_row("grace_s", [0.0, 3.0])
+@each_row("then", [idle, silent, moving])
+@each_row("phase", [just_asked, *HOLDING])
 def test_end_is_taken_wherever_the_car_is_and_presses_nothing(phase: Phase, then: Phase, grace_s: float) -> None:
     async def check(made: Bench) -> None:
         await phase(made)
@@ -74,7 +75,7 @@ def test_end_is_taken_wherever_the_car_is_and_presses_nothing(phase: Phase, then
     on_bench(check, PLAIN)
 
 
-@pytest.mark.parametrize("mode", [Mode.FIRE, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE])
+@each_row("mode", [Mode.FIRE, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE])
 def test_end_is_taken_in_every_mode(mode: Mode) -> None:
     async def check(made: Bench) -> None:
         await open_for_it(made)

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 from typing import Any
 
 import httpx
-import pytest
 
 from lift_manager.api.roles import Role
 from lift_manager.lift.config import LiftConfig
@@ -28,7 +27,7 @@ LIFT = "/api/v1/lifts/lift/rmf"
 WANTED = {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}
 ENDED = {"session_id": "fleet/amr-7", "grace_s": 3}
 AMR = Holder("rmf", "fleet/amr-7")
-every_word = pytest.mark.parametrize(("what", "body"), [("wanted", WANTED), ("ended", ENDED)])
+every_word = each_row(("what", "body"), [("wanted", WANTED), ("ended", ENDED)])
 RIDING = replace(
     IDLE,
     lift="goods",
@@ -181,7 +180,7 @@ def test_session_and_adapter_are_told_apart_whatever_is_in_a_session_id(session:
     assert site.ends[0][1] != other
 
 
-@pytest.mark.parametrize("adapter", ["a@b", "a b", "a\n", "x" * 301, 5, None])
+@each_row("adapter", ["a@b", "a b", "a\n", "x" * 301, 5, None])
 @every_word
 def test_an_id_of_an_adapter_that_is_none_is_refused(what: str, body: dict[str, object], adapter: object) -> None:
     site = FakeSite()
@@ -215,9 +214,7 @@ def test_an_unknown_floor_names_the_key_that_is_to_blame() -> None:
     assert answer.json()["field"] == "floor"
 
 
-@pytest.mark.parametrize(
-    "session", ["", "x" * 257, "a\nb", "a\x7fb", "\ud800", "a\u00a0b", "a\u202eb", 7, None, ["x"], True]
-)
+@each_row("session", ["", "x" * 257, "a\nb", "a\x7fb", "\ud800", "a\u00a0b", "a\u202eb", 7, None, ["x"], True])
 @every_word
 def test_a_session_id_is_printable_text_of_1_to_256_characters(
     what: str, body: dict[str, object], session: object
