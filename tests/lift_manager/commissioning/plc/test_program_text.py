@@ -23,6 +23,8 @@ from tests.support.rows import each_row
 each_map = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.map_name)
 FLOORS = {"B1": -1, "L1": 1, "L2": 2}
 FLOORS_OF_COILS = {"B1": 0, "L1": 1}
+TWO_FLOORS = {"B1": -1, "L1": 1}
+"""Every kind of statement is in a program for two floors; a third one repeats some of them."""
 
 
 def changed(change: Callable[[dict[str, Any]], object], name: str = "generic-registers") -> RegisterMap:
@@ -71,13 +73,14 @@ def twincat_takes(text: str, folder: Path) -> bool:
 def test_a_parser_for_twincat_takes_it_in_words_and_in_bits(tmp_path: Path) -> None:
     of_coils = render(changed(without_doors, "generic-coils"), FLOORS_OF_COILS)
     # one by one: the parser takes the longer for each statement, the more of them there are
-    assert twincat_takes(program(REGISTERS).st, tmp_path)
+    assert twincat_takes(render(load("generic-registers").map, TWO_FLOORS).st, tmp_path)
     assert twincat_takes(of_coils.st, tmp_path)
 
 
 def test_a_parser_for_twincat_refuses_a_broken_program(tmp_path: Path) -> None:
     # without an END_IF it would read on for seconds to the end
-    assert not twincat_takes(program(REGISTERS).st.replace(" THEN", "", 1), tmp_path)
+    text = render(load("generic-registers").map, TWO_FLOORS).st
+    assert not twincat_takes(text.replace(" THEN", "", 1), tmp_path)
 
 
 @each_map
