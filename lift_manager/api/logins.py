@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydantic import Field
 
@@ -28,7 +28,7 @@ class Login:
     key: Key
     digest: str
     """Of its token."""
-    csrf: str
+    csrf: str = field(repr=False)
     """Proves that a request comes from a page that could read an answer of the manager, as no page of another site can."""
     ends_at: float
     """By the clock of its `Logins`."""

@@ -183,9 +183,11 @@ def test_a_browser_logs_in_once_and_acts_as_its_key_until_it_logs_out(tmp_path: 
             kept = "document.cookie + JSON.stringify({...localStorage}) + JSON.stringify({...sessionStorage})"
             assert "lift-manager-" + str(port) not in await tab.value(kept)
             assert "lm_" not in await tab.value(kept)
-            lockout = "m.post('lifts/lift/drain', {by: 'M. Weber', reason: 'update'})"
-            assert await tab.value(
-                f"import('/page/src/api.js').then(({{Api}}) => {{ const m = new Api(); return {lockout} }})"
+            # another tab logs in again, and this one has its cookie and the token of its own login
+            await tab.value(
+                "import('/page/src/api.js').then(async ({ Api }) => { const [one, other] = [new Api(), new Api()];"
+                f" await one.askAccount(); await other.logIn('{key(Role.OPERATOR)}');"
+                " await one.post('lifts/lift/drain', { by: 'M. Weber', reason: 'update' }); })"
             )
             assert site.decisions == [("begin_drain", "lift", "M. Weber (key the operator)", "update")]
             await tab.sees("Log out")
