@@ -35,6 +35,8 @@ CHANGES: dict[str, dict[str, object] | None] = {
     "/api/v1/rides/r1/cancel": {},
 }
 """Body by path. None: a body is not looked at."""
+OF_THE_CALLER = frozenset({"/api/v1/login", "/api/v1/logout"})
+"""Requests that change who the caller is, and nothing of a lift."""
 
 
 def with_all(refuses: Refused | None = None) -> FakeSite:

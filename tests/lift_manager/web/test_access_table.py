@@ -19,6 +19,7 @@ from lift_manager.runtime.links import WireFrame
 from lift_manager.runtime.site import Site
 from lift_manager.web.access_page import COLUMNS, FILE, NO_KEYS, access_table
 from lift_manager.web.app import make_app
+from tests.lift_manager.web.changes import OF_THE_CALLER
 from tests.lift_manager.web.fake import FakeSite, Made, app_of, ask_app
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.fake_rides import a_ride
@@ -202,7 +203,7 @@ def rows(columns: tuple[str, ...]) -> list[tuple[str, str, dict[str, bool]]]:
 
 
 def changes_a_lift(method: str, path: str) -> bool:
-    return method == "POST" and path not in {"/api/v1/login", "/api/v1/logout"}
+    return method == "POST" and path not in OF_THE_CALLER
 
 
 @each_row(("method", "path", "said"), rows(COLUMNS))

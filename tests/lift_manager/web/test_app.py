@@ -45,7 +45,7 @@ def test_405_names_every_method_that_a_path_takes_and_no_other(path: str) -> Non
     url = (
         path.replace("{path:path}", "x.js")
         .replace(":path}", "}")
-        .format(lift="lift", session="s1", command="1", ride="r1", link="plc")
+        .format(lift="lift", session="s1", command="1", ride="r1", link="plc", file="enters.wav")
     )
     allowed = list(dict.fromkeys(method for route in ROUTES if route.path == path for method in route.methods))
     for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):

@@ -19,6 +19,7 @@ from lift_manager.api.roles import ROUTES, AccessLevel, Role
 from lift_manager.api.sessions import CommandRequest, OpenSessionRequest
 from lift_manager.lift.commands import CommandType
 from lift_manager.web.error_codes import CODES
+from tests.lift_manager.web.changes import OF_THE_CALLER
 from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.keyed import bearing, ring
@@ -31,9 +32,6 @@ API = [
     for method in route.methods
     if route.path.startswith("/api/v1") and "/events" not in route.path and "/links" not in route.path
 ]
-
-OF_THE_CALLER = {"/api/v1/login", "/api/v1/logout"}
-"""Requests that change no lift."""
 
 
 @cache
