@@ -11,8 +11,8 @@ from functools import partial
 from typing import TypeVar
 
 from lift_manager.app import network_wires
-from lift_manager.cli.common import print_lines
-from lift_manager.cli.own_manager import open_recorder, own_manager, run_to_end
+from lift_manager.cli.common import open_store_or_exit, print_lines
+from lift_manager.cli.own_manager import own_manager, run_to_end
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.states import open_at
 from lift_manager.commissioning.checkout.access import HoldFailed
@@ -48,7 +48,7 @@ class SiteAccess:
     @asynccontextmanager
     async def manager(self) -> AsyncIterator[LiftManagerClient]:
         """Run a manager that may command this lift, and whose presses are in the journal."""
-        recorder = open_recorder(self._loaded)
+        recorder = open_store_or_exit(self._loaded)
         async with own_manager(self._loaded, name=NAME, may_command={self._lift}, recorder=recorder) as client:
             yield client
 

@@ -14,8 +14,11 @@ import typer
 from rich.console import Console
 
 from lift_manager.config.load import LoadedSite, load_site
-from lift_manager.store.errors import StoreUnusable
+from lift_manager.store.committer import Committer
+from lift_manager.store.errors import StoreError, StoreUnusable
 from lift_manager.store.place import store_path
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import open_store
 from register_maps.errors import MapFileError
 from register_maps.load import LoadedMap, load
 
@@ -86,6 +89,15 @@ def store_path_of(loaded: LoadedSite) -> Path:
     try:
         return store_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
     except StoreUnusable as error:
+        raise fail(str(error)) from error
+
+
+def open_store_or_exit(loaded: LoadedSite) -> Committer:
+    """Open the store of a site for one manager, or report why it cannot be used and exit with 1."""
+    limits = Limits(loaded.site.journal.keep_days, loaded.site.journal.max_mb)
+    try:
+        return open_store(store_path_of(loaded), loaded.site.name, loaded.site.lifts.keys(), limits)
+    except StoreError as error:
         raise fail(str(error)) from error
 
 

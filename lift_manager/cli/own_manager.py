@@ -19,7 +19,7 @@ from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.api.roles import Role
-from lift_manager.cli.common import fail, load_site_or_exit, print_stderr, report_mistakes, store_path_of
+from lift_manager.cli.common import fail, load_site_or_exit, open_store_or_exit, print_stderr, report_mistakes
 from lift_manager.cli.logs import HumanFormatter
 from lift_manager.cli.loop import cancel_on_signals
 from lift_manager.client.client import LiftManagerClient
@@ -30,9 +30,6 @@ from lift_manager.config.site import Api
 from lift_manager.lift.journal import Row
 from lift_manager.runtime.links import WireFrame
 from lift_manager.runtime.recorder import Recorder
-from lift_manager.store.errors import StoreError
-from lift_manager.store.retention import Limits
-from lift_manager.store.site import open_store
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 
@@ -193,7 +190,7 @@ def run_directly(  # noqa: PLR0913  each is needed by one tool or another
         loaded = change(loaded)
     except MapFileError as error:
         raise report_mistakes(error) from error
-    recorder = open_recorder(loaded) if is_recorded else None
+    recorder = open_store_or_exit(loaded) if is_recorded else None
 
     async def work_once() -> Answer:
         async with own_manager(
@@ -225,13 +222,4 @@ def run_to_end(work: Coroutine[Any, Any, Answer]) -> Answer:
     except ControllerTaken as error:
         raise fail(f"{error}; without --site this works through the running manager") from error
     except (ClientError, LockUnusable, NotReleased, OutputsShared) as error:
-        raise fail(str(error)) from error
-
-
-def open_recorder(loaded: LoadedSite) -> Recorder:
-    """Open the store of a site for one own manager; print a sentence and exit with 1 where that fails."""
-    limits = Limits(loaded.site.journal.keep_days, loaded.site.journal.max_mb)
-    try:
-        return open_store(store_path_of(loaded), loaded.site.name, loaded.site.lifts.keys(), limits)
-    except StoreError as error:
         raise fail(str(error)) from error

@@ -6,7 +6,6 @@ import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from socket import socket
 from typing import Annotated
 
@@ -14,7 +13,16 @@ import typer
 
 from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app as running
-from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, out, print_lines, report_mistakes, store_path_of
+from lift_manager.cli.common import (
+    SiteFile,
+    fail,
+    load_site_or_exit,
+    open_store_or_exit,
+    out,
+    print_lines,
+    report_mistakes,
+    store_path_of,
+)
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
@@ -27,8 +35,6 @@ from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
-from lift_manager.store.retention import Limits
-from lift_manager.store.site import open_store
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
@@ -71,15 +77,13 @@ def serve(
     loaded = with_checkouts(loaded)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
     api = loaded.site.api
-    place, keeps = store_path_of(loaded), loaded.site.journal
+    committer = open_store_or_exit(loaded)
     try:
-        limits = Limits(keeps.keep_days, keeps.max_mb)
-        committer = open_store(place, loaded.site.name, loaded.site.lifts.keys(), limits)
         sock = listen(api.host, api.port if port is None else port)
-    except (StoreError, ListenError) as error:
+    except ListenError as error:
         raise fail(str(error)) from error
     with sock:
-        stores = Stores(committer, _keys(loaded, place, sock))
+        stores = Stores(committer, _keys(loaded, sock))
         try:
             released = run(_serve(loaded, sock, stores, settings, stopped_early))
         except* DdsError as group:
@@ -90,10 +94,10 @@ def serve(
         raise typer.Exit(1)
 
 
-def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
+def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
     """Read the keys of a site, or report why they cannot be used and exit with 1."""
     site, host = loaded.site, sock.getsockname()[0]
-    path = keys_path(place)
+    path = keys_path(store_path_of(loaded))
     try:
         keys = KeyFile(path, site.name, open_without_keys=allows_requests_without_keys(site.api, host))
     except StoreError as error:
