@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 
 from lift_manager.config.load import LoadedSite, load_site
+from lift_manager.config.site import MODBUS_PORT
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError, StoreUnusable
 from lift_manager.store.place import store_path
@@ -34,6 +35,7 @@ MapName = Annotated[str, typer.Argument(metavar="MAP", help="A shipped map by na
 Floors = Annotated[str, typer.Option(help="Floors with their codes, lowest first, such as B1=-1,L1=1,L2=2.")]
 
 _NUMBER = re.compile(r"-?[0-9]+")
+_CONTROLLER = re.compile(r"(?P<host>[^\s:/\[\]]+|\[[0-9a-fA-F:.%]+\])(?::(?P<port>[0-9]{1,5}))?")
 
 
 def print_lines(lines: Iterable[str]) -> None:
@@ -99,6 +101,13 @@ def open_store_or_exit(loaded: LoadedSite) -> Committer:
         return open_store(store_path_of(loaded), loaded.site.name, loaded.site.lifts.keys(), limits)
     except StoreError as error:
         raise fail(str(error)) from error
+
+
+def controller_address(text: str) -> tuple[str, int] | None:
+    """Parse HOST or HOST:PORT of a controller, an IPv6 address in brackets; None for anything else."""
+    match = _CONTROLLER.fullmatch(text)
+    port = int(match["port"] or MODBUS_PORT) if match else 0
+    return (match["host"].strip("[]"), port) if match and 1 <= port <= 65535 else None
 
 
 def read_floors(text: str) -> dict[str, int] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import re
 import shutil
 import textwrap
 from collections.abc import Iterable
@@ -18,6 +17,7 @@ from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager.app import network_wires
 from lift_manager.cli.common import (
     Floors,
+    controller_address,
     err,
     load_map_or_exit,
     load_site_or_exit,
@@ -47,7 +47,6 @@ from lift_manager.commissioning.doctor.subjects import (
 )
 from lift_manager.commissioning.maps_check import unset_text
 from lift_manager.config.load import LoadedSite
-from lift_manager.config.site import MODBUS_PORT
 from lift_manager.plain.version import running_version
 from register_maps.plain import closest
 
@@ -181,13 +180,13 @@ def _site_wires(loaded: LoadedSite) -> MakeWire:
 
 def host_and_port(text: str) -> tuple[str, int]:
     """Parse HOST or HOST:PORT. Raises typer.BadParameter."""
-    match = re.fullmatch(r"(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+)(?::(\d{1,5}))?", text)
-    if match is None or not 1 <= int(match[2] or MODBUS_PORT) <= 65535:
+    address = controller_address(text)
+    if address is None:
         raise typer.BadParameter(
             f"{text!r} is neither a site file that exists nor an address such as 192.0.2.10:502",
             param_hint="SITE|HOST:PORT",
         )
-    return match[1].strip("[]"), int(match[2] or MODBUS_PORT)
+    return address
 
 
 def _examine(subjects: Subjects, seconds: float | None, probes: Iterable[Probe], make_wire: MakeWire) -> Report:

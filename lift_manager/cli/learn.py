@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import ConnectFailed, ControllerTaken, LockUnusable
-from lift_manager.cli.common import err, fail, print_lines, print_stderr, report_mistakes
+from lift_manager.cli.common import controller_address, err, fail, print_lines, print_stderr, report_mistakes
 from lift_manager.cli.keyboard import typed_lines
 from lift_manager.cli.loop import run
 from lift_manager.commissioning.learn import samples
@@ -26,7 +26,6 @@ from lift_manager.commissioning.learn.samples import Recording, SamplesUnusable,
 from lift_manager.commissioning.learn.survey import FIRST, LAST, RISK, Progress, SurveyFailed, survey
 from lift_manager.commissioning.output import OutputRefused, check_ending, check_free, save
 from lift_manager.commissioning.prober import GAP_S, Prober, open_prober
-from lift_manager.config.site import MODBUS_PORT
 from register_maps.errors import MapFileError
 from register_maps.load import load
 
@@ -35,7 +34,6 @@ INTERRUPTED = 130
 ADVANCE = 0.1
 """Where there is no terminal a line of progress is printed after each such share."""
 
-_ADDRESS = re.compile(r"(?P<host>[^\s/:]+|\[[0-9a-fA-F:.%]+\])(?::(?P<port>[0-9]{1,5}))?")
 _NOT_NAME = re.compile(r"[^a-z0-9]+")
 
 
@@ -148,13 +146,12 @@ class _Span:
 
 
 def _address(text: str) -> tuple[str, int]:
-    match = _ADDRESS.fullmatch(text.strip())
-    port = int(match["port"] or MODBUS_PORT) if match else 0
-    if match is None or not 1 <= port <= 65535:
+    address = controller_address(text.strip())
+    if address is None:
         raise typer.BadParameter(
             f"{text!r} is no address: write HOST:PORT, such as 192.0.2.10:502", param_hint="HOST:PORT"
         )
-    return match["host"].strip("[]"), port
+    return address
 
 
 def _floor_names(text: str) -> tuple[str, ...]:
