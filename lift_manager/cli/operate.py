@@ -22,6 +22,10 @@ Now = Annotated[
     ),
 ]
 
+ReasonForRobots = Annotated[
+    str, typer.Option("--reason", metavar="TEXT", help="The reason; every refused robot gets it.", show_default=False)
+]
+
 
 def ack(
     lift: LiftName,
@@ -48,10 +52,7 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
     lift: LiftName,
     by: By,
     *,
-    reason: Annotated[
-        str,
-        typer.Option("--reason", metavar="TEXT", help="The reason; every refused robot gets it.", show_default=False),
-    ] = "",
+    reason: ReasonForRobots = "",
     end: Annotated[bool, typer.Option("--end", help="End the lockout: robots may command the lift again.")] = False,
     now: Now = False,
     manager: Manager = MANAGER,
@@ -61,8 +62,7 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
     certificate_key: CertificateKey = None,
 ) -> None:
     """Keep robots off a lift, over restarts too, until somebody ends that with --end."""
-    if end and reason:
-        raise typer.BadParameter("a lockout that ends needs no reason; leave --reason out", param_hint="--reason")
+    _check_reason("lockout", reason, end=end)
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     if end:
         ended = connection.run(lambda client: client.end_lockout(lift, by))
@@ -71,10 +71,6 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
             [f"{ended.lift}: the lockout by {was.by} since {_shown(was.since)} ({was.reason}) is ended by {ended.by}"]
         )
         return
-    if not reason.strip():
-        raise typer.BadParameter(
-            "give the reason in a few words; robots and their operators see it", param_hint="--reason"
-        )
     result = connection.run(lambda client: client.lock_out(lift, by, reason, now=now))
     print_lines([f"{result.lift}: locked out by {result.by} since {_shown(result.since)}: {result.reason}"])
 
@@ -86,10 +82,7 @@ def drain(  # noqa: PLR0913  each is an option of the command line
     ] = "",
     *,
     all_lifts: Annotated[bool, typer.Option("--all", help="Every lift of the site, instead of one.")] = False,
-    reason: Annotated[
-        str,
-        typer.Option("--reason", metavar="TEXT", help="The reason; every refused robot gets it.", show_default=False),
-    ] = "",
+    reason: ReasonForRobots = "",
     end: Annotated[bool, typer.Option("--end", help="End the drain: sessions may begin again.")] = False,
     manager: Manager = MANAGER,
     key_file: KeyFile = None,
@@ -100,15 +93,20 @@ def drain(  # noqa: PLR0913  each is an option of the command line
     """Let present sessions end and no new one begin, over restarts too, until somebody ends that with --end."""
     if bool(lift) == all_lifts:
         raise typer.BadParameter("name one lift, or all of them with --all", param_hint="LIFT")
+    _check_reason("drain", reason, end=end)
+    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
+    for name in [one.name for one in connection.run(lambda client: client.lifts())] if all_lifts else [lift]:
+        print_lines([_end_drain(connection, name, by) if end else _begin_drain(connection, name, by, reason)])
+
+
+def _check_reason(what: str, reason: str, *, end: bool) -> None:
+    """Raise typer.BadParameter unless there is a reason to begin, and none to end."""
     if end and reason:
-        raise typer.BadParameter("a drain that ends needs no reason; leave --reason out", param_hint="--reason")
+        raise typer.BadParameter(f"a {what} that ends needs no reason; leave --reason out", param_hint="--reason")
     if not (end or reason.strip()):
         raise typer.BadParameter(
             "give the reason in a few words; robots and their operators see it", param_hint="--reason"
         )
-    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
-    for name in [one.name for one in connection.run(lambda client: client.lifts())] if all_lifts else [lift]:
-        print_lines([_end_drain(connection, name, by) if end else _begin_drain(connection, name, by, reason)])
 
 
 def _begin_drain(connection: ManagerConnection, lift: str, by: str, reason: str) -> str:
