@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -35,6 +35,8 @@ MapName = Annotated[str, typer.Argument(metavar="MAP", help="A shipped map by na
 Floors = Annotated[str, typer.Option(help="Floors with their codes, lowest first, such as B1=-1,L1=1,L2=2.")]
 
 _NUMBER = re.compile(r"-?[0-9]+")
+_DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*([a-z]?)")
+_UNIT_S = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 _CONTROLLER = re.compile(r"(?P<host>[^\s:/\[\]]+|\[[0-9a-fA-F:.%]+\])(?::(?P<port>[0-9]{1,5}))?")
 
 
@@ -108,6 +110,12 @@ def controller_address(text: str) -> tuple[str, int] | None:
     match = _CONTROLLER.fullmatch(text)
     port = int(match["port"] or MODBUS_PORT) if match else 0
     return (match["host"].strip("[]"), port) if match and 1 <= port <= 65535 else None
+
+
+def duration_s(text: str, units: Collection[str]) -> float | None:
+    """Parse a time such as 10m, in one of these units, into seconds; an empty unit means seconds. None for anything else."""
+    match = _DURATION.fullmatch(text)
+    return float(match[1]) * _UNIT_S[match[2]] if match and match[2] in units else None
 
 
 def read_floors(text: str) -> dict[str, int] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import sys
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from lift_manager.api.lifts import PlannedWrites
-from lift_manager.cli.common import fail, print_lines, print_stderr
+from lift_manager.cli.common import duration_s, fail, print_lines, print_stderr
 from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
 from lift_manager.cli.keyboard import read_typed
 from lift_manager.cli.loop import cancel_on_signals
@@ -139,9 +138,8 @@ def _read_unlock(unlock_for: str, draft: str, by: str, reason: str, site: Path |
     if site is None:
         text = "only without a running manager: give the site file, so that no robot has a session meanwhile"
         raise typer.BadParameter(text, param_hint="--site")
-    found = re.fullmatch(r"([0-9]{1,4})([sm])", unlock_for)
-    for_s = 0.0 if found is None else float(found[1]) * {"s": 1, "m": 60}[found[2]]
-    if not 0 < for_s <= LONGEST_S:
+    for_s = duration_s(unlock_for, ("s", "m"))
+    if not for_s or for_s > LONGEST_S:
         raise typer.BadParameter(f"write a time such as 90s or 10m, at most {LONGEST_S / 60:g}m", param_hint="--unlock")
     return Unlock(draft, by.strip(), reason.strip(), for_s)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 from collections.abc import AsyncGenerator, Iterator
 from contextlib import ExitStack, aclosing, contextmanager, suppress
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from rich.text import Text
 
 from lift_manager.cli.common import (
     Floors,
+    duration_s,
     err,
     fail,
     load_map_or_exit,
@@ -55,15 +55,13 @@ app = typer.Typer(
 
 SILENT_S = 5.0
 """After so long without a frame the progress names it. Chosen: every lift is polled more often."""
-_DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(s|m|h|)")
-_UNITS = {"s": 1.0, "": 1.0, "m": 60.0, "h": 3600.0}
 
 
 def _duration(text: str) -> float:
-    found = _DURATION.fullmatch(text.strip())
-    if found is None or not float(found[1]):
+    found = duration_s(text.strip(), ("", "s", "m", "h"))
+    if not found:
         raise typer.BadParameter(f"{text!r}: write a time such as 30s, 10m or 1h")
-    return float(found[1]) * _UNITS[found[2]]
+    return found
 
 
 @app.command()
