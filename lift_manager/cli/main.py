@@ -35,6 +35,8 @@ COMMANDS = {
     "audit": "audit:audit",
     "maps": "maps:app",
     "network": "network:show",
+    "backup": "backup:backup",
+    "restore": "restore:restore",
     "bundle": "bundle:bundle",
     "scenario": "scenario:app",
     "rmf": "rmf:app",

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from drivers.own_files import NOT_FOLLOWED
+from drivers.own_files import NOT_FOLLOWED, make_own
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.chain import StoredRow, canonical, clean, row_hash
@@ -261,10 +261,30 @@ def read_records(path: Path, site: str) -> dict[str, SavedLift]:
                 path, f"is not there, and {log.name} is", f"put back the file that belongs to {log.name}"
             )
         return {}
+    with _reading(path, site) as connection:
+        return _read_records(connection, path)
+
+
+def copy_store(path: Path, site: str, target: Path) -> None:
+    """Copy a store to a new file, as one commit left it; a manager may be writing. Raises StoreUnusable and OSError."""
+    os.close(make_own(target))
+    with _reading(path, site) as connection, closing(sqlite3.connect(target, isolation_level=None)) as copy:
+        try:
+            connection.backup(copy)
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_FULL:
+                raise
+            raise StoreUnusable(f"{target} cannot be written ({error}); nothing else was changed") from error
+        copy.execute("PRAGMA journal_mode = DELETE").fetchone()  # one file, without a log
+
+
+@contextmanager
+def _reading(path: Path, site: str) -> Iterator[sqlite3.Connection]:
+    """Open the store of a site for reading. Raises StoreUnusable, also for what the body of the `with` finds in it."""
     try:
         with _read_only(path) as connection, raising_damage(path):
             check_site(connection, path, site)
-            return _read_records(connection, path)
+            yield connection
     except StoreForeign as error:
         raise store_unusable(path, error.problem, error.advice) from error
     except StoreDamaged as error:
