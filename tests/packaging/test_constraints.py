@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,9 @@ RUN: list[str] = PROJECT["project"]["dependencies"]
 EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
 NEEDED = {
     "run": [*BUILD, *RUN],
-    "dev": [*BUILD, *RUN, *chain.from_iterable(EXTRAS.values())],
+    "rmf": [*BUILD, *RUN, *EXTRAS["rmf"]],
+    "package": [*BUILD, *RUN, *EXTRAS["package"]],
+    "dev": [*BUILD, *RUN, *EXTRAS["rmf"], *EXTRAS["dev"]],
     "docs": PROJECT["dependency-groups"]["docs"],
 }
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -83,10 +84,11 @@ def test_what_the_project_asks_for_is_in_it_once_and_in_a_version_that_it_takes(
         assert needed.specifier.contains(version), f"{needed}: {version}; ./scripts/pin writes the files anew"
 
 
-def test_both_files_have_the_same_versions() -> None:
-    dev = pinned("dev")
+@each_row("name", ["rmf", "package", "dev"])
+def test_every_file_has_the_same_versions_of_what_the_program_needs(name: str) -> None:
+    others = pinned(name)
     for requirement, hashes in pinned("run"):
-        same = [(other, found) for other, found in dev if other.name == requirement.name]
+        same = [(other, found) for other, found in others if other.name == requirement.name]
         assert [(other.specifier, found) for other, found in same] == [(requirement.specifier, hashes)]
 
 
