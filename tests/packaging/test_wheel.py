@@ -80,7 +80,8 @@ JUNK = (
 def archive(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[set[str], Path]:
     """The files of the source archive, and the archive unpacked."""
     copy = tmp_path_factory.mktemp("checkout") / "tree"
-    shutil.copytree(tree, copy, ignore=shutil.ignore_patterns("*.egg-info", "build", "*.pyc", "__pycache__"))
+    shutil.copytree(tree, copy, ignore=shutil.ignore_patterns("*.egg-info", "*.pyc", "__pycache__"))
+    shutil.rmtree(copy / "build", ignore_errors=True)  # where the wheel was built before
     for name in JUNK:
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).touch()
@@ -104,7 +105,14 @@ def test_the_source_archive_holds_the_repository_and_nothing_that_lies_about(
 
 def test_what_is_run_from_the_source_archive_can_be_run(archive: tuple[set[str], Path]) -> None:
     _, unpacked = archive
-    for name in ("scripts/demo", "scripts/test", "scripts/pin", ".ci/run"):
+    for name in (
+        "scripts/demo",
+        "scripts/test",
+        "scripts/pin",
+        ".ci/run",
+        "deploy/deb/build",
+        "deploy/wheelhouse/install",
+    ):
         assert os.access(unpacked / name, os.X_OK), name
 
 

@@ -1,0 +1,253 @@
+"""What is in deploy/: the commands that build packages, and what these do on a machine that has a manager running."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.support.programs import HANGS_S, ROOT, eventually, free_port, running
+from tests.support.rows import each_row
+
+DEPLOY = ROOT / "deploy"
+DEBIAN = DEPLOY / "deb" / "debian"
+COMMANDS = [
+    "deb/build",
+    "deb/test",
+    "wheelhouse/build",
+    "wheelhouse/install",
+    "wheelhouse/test",
+    "release/check",
+    "container/test",
+]
+SCRIPTS = [*COMMANDS, "lib.sh", *(f"deb/debian/{name}" for name in ("lift-manager.postinst", "lift-manager.postrm", "runtime.prerm"))]  # fmt: skip
+
+
+@each_row("name", SCRIPTS)
+def test_the_scripts_are_free_of_syntax_errors_and_the_commands_executable(name: str) -> None:
+    done = subprocess.run(["sh", "-n", DEPLOY / name], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert os.access(DEPLOY / name, os.X_OK) is (name in COMMANDS)
+
+
+# -- the Debian packages
+
+
+def test_the_debian_unit_runs_the_files_of_its_version_and_waits_for_a_site_file(tmp_path: Path) -> None:
+    (edits,) = re.findall(
+        r"\tsed (-e '1d'.*?) \\\n\t    lift-manager\.service", (DEBIAN / "rules").read_text(), re.DOTALL
+    )
+    command = f"sed {edits} lift-manager.service".replace("\\\n", " ").replace("$$", "$")
+    command = command.replace("$(place)", "/usr/lib/lift-manager/1.2-1")
+    shutil.copy(DEPLOY / "systemd" / "lift-manager.service", tmp_path)
+    made = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    program = "/usr/lib/lift-manager/1.2-1/bin/python -I -m lift_manager"
+    assert f"\nExecStart={program} serve /etc/lift-manager/site.yaml $LIFT_MANAGER_OPTIONS\n" in made
+    assert "\nConditionPathExists=/etc/lift-manager/site.yaml\n" in made
+    assert "\nEnvironmentFile=-/etc/default/lift-manager\n" in made
+    assert "/opt/" not in made
+    assert made.startswith("[Unit]\n")
+
+
+def maintainer_script(name: str, tmp_path: Path, *words: str, active: bool = True) -> subprocess.CompletedProcess[str]:
+    """Run a maintainer script for version 1.2-1 with programs that write down how they are called."""
+    script = tmp_path / name
+    text = (DEBIAN / name).read_text().replace("@PACKAGE@", "1.2-1")
+    # a computer with systemd and the folder of the state
+    text = text.replace("/run/systemd/system", str(tmp_path)).replace("/var/lib/lift-manager ", f"{tmp_path} ")
+    script.write_text(text)
+    for program in ("systemctl", "adduser", "install", "getent"):
+        fake = tmp_path / program
+        fake.write_text(
+            f'#!/bin/sh\necho "{program} $*" >>{tmp_path}/called\nexit {0 if active or program in ("adduser", "install") else 1}\n'
+        )
+        fake.chmod(0o755)
+    environment = {"PATH": f"{tmp_path}:/usr/bin:/bin"}
+    return subprocess.run(["sh", script, *words], env=environment, capture_output=True, text=True, check=False)
+
+
+def called(tmp_path: Path, program: str) -> list[str]:
+    return [line for line in (tmp_path / "called").read_text().splitlines() if line.startswith(program)]
+
+
+def test_an_upgrade_leaves_a_manager_that_runs_alone_and_says_how_to_change_over(tmp_path: Path) -> None:
+    done = maintainer_script("lift-manager.postinst", tmp_path, "configure", "1.1-1")
+    assert done.returncode == 0, done.stderr
+    assert called(tmp_path, "systemctl") == ["systemctl --quiet is-active lift-manager.service"]
+    assert "1.2-1 is installed. The manager that runs is still the one before, and goes on" in done.stdout
+    assert "lift-manager drain --all --by NAME --reason upgrade" in done.stdout
+    # what debhelper adds neither stops nor starts anything
+    assert "dh_installsystemd --package=lift-manager --no-start --no-stop-on-upgrade" in (DEBIAN / "rules").read_text()
+
+
+def test_a_first_installation_makes_the_user_and_starts_nothing(tmp_path: Path) -> None:
+    done = maintainer_script("lift-manager.postinst", tmp_path, "configure", "", active=False)
+    assert "write /etc/lift-manager/site.yaml" in done.stdout
+    assert called(tmp_path, "systemctl") == ["systemctl --quiet is-active lift-manager.service"]
+
+
+@contextmanager
+def process_named(name: str) -> Iterator[None]:
+    """Run a process with this as its first word."""
+    script = f'exec -a "{name}" {sys.executable} -c "import sys; print(1, flush=True); sys.stdin.read()"'
+    with subprocess.Popen(["bash", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield
+        process.communicate()
+
+
+def test_the_files_of_a_manager_that_runs_are_not_removed(tmp_path: Path) -> None:
+    version = f"/usr/lib/lift-manager/1.2-1-{os.getpid()}/bin/python"
+    script = tmp_path / "prerm"
+    script.write_text((DEBIAN / "runtime.prerm").read_text().replace("@PACKAGE@", version.split("/")[4]))
+    with process_named(version):
+        done = subprocess.run(["sh", script, "remove"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "a lift manager runs from" in done.stderr
+    for word in ("remove", "upgrade"):
+        assert subprocess.run(["sh", script, word], check=False).returncode == 0
+
+
+def test_needrestart_is_kept_from_restarting_a_manager() -> None:
+    settings = (DEBIAN / "needrestart" / "lift-manager.conf").read_text()
+    assert "$nrconf{override_rc}{qr(^lift-manager)} = 0;" in settings
+    assert "needrestart/lift-manager.conf etc/needrestart/conf.d" in (DEBIAN / "lift-manager.install").read_text()
+
+
+# -- the archive that installs without a network
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Path:
+    """An unpacked archive for this computer, with nothing to install."""
+    house = tmp_path / "house"
+    (house / "wheels").mkdir(parents=True)
+    shutil.copy(DEPLOY / "wheelhouse" / "install", house)
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    (house / "about").write_text(f"number=1.2\nmachine={os.uname().machine}\npython={python}\n")
+    (house / "requirements.txt").write_text("nothing==1 --hash=sha256:00\n")
+    subprocess.run(
+        "find . -type f | xargs sha256sum >../sums && mv ../sums SHA256SUMS", shell=True, cwd=house, check=True
+    )
+    return house
+
+
+def install_refused(house: Path, target: Path) -> str:
+    environment = {"PATH": f"{Path(sys.executable).parent}:/usr/bin:/bin"}
+    done = subprocess.run([house / "install", target], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    return done.stderr
+
+
+def test_an_archive_for_another_computer_or_another_python_is_refused_in_a_sentence(
+    house: Path, tmp_path: Path
+) -> None:
+    about = (house / "about").read_text()
+    (house / "about").write_text(about.replace(os.uname().machine, "sparc"))
+    assert f"This archive is for sparc, and this computer is {os.uname().machine}" in install_refused(
+        house, tmp_path / "x"
+    )
+    (house / "about").write_text(re.sub(r"python=.*", "python=3.99", about))
+    assert "This archive is for Python 3.99, which is not here: apt-get install" in install_refused(
+        house, tmp_path / "x"
+    )
+
+
+def test_an_archive_that_was_damaged_on_the_way_installs_nothing(house: Path, tmp_path: Path) -> None:
+    (house / "requirements.txt").write_text("another\n")
+    assert "This archive is not as it was made" in install_refused(house, tmp_path / "x")
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_folder_from_which_a_manager_may_run_is_not_touched(house: Path, tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    said = install_refused(house, tmp_path / "x")
+    assert (
+        f"{tmp_path / 'x'} is there already, and a manager may run from it. Install beside it, such as in {tmp_path / 'x'}-1.2"
+        in said
+    )
+    assert list((tmp_path / "x").iterdir()) == []
+
+
+def test_a_failed_installation_leaves_nothing_behind(house: Path, tmp_path: Path) -> None:
+    assert f"{tmp_path / 'x'} was removed again" in install_refused(house, tmp_path / "x")
+    assert not (tmp_path / "x").exists()
+
+
+# -- the container
+
+
+def healthy(url: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-I", DEPLOY / "container" / "healthy.py"]
+    environment = {"LIFT_MANAGER_HEALTH_URL": url}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGS_S, check=False)
+
+
+def test_the_health_check_is_about_the_manager_and_not_about_its_controllers(tmp_path: Path) -> None:
+    port = free_port()
+    silent = healthy(f"http://127.0.0.1:{port}/healthz")
+    assert silent.returncode == 1
+    assert silent.stderr.startswith("the manager does not answer: ")
+    lift = {"controller": "plc", "floors": {"L1": 1, "L2": 2}}
+    site = {
+        "schema": 1,
+        "name": "container",
+        "state": "kept",
+        "controllers": {"plc": {"host": "127.0.0.1", "port": free_port(), "map": "generic-registers"}},
+        "lifts": {"main": lift},
+    }
+    (tmp_path / "site.yaml").write_text(json.dumps(site))
+    with running("serve", tmp_path / "site.yaml", "--port", str(port)):
+        eventually(lambda: healthy(f"http://127.0.0.1:{port}/healthz").returncode == 0)
+
+
+def services() -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load((DEPLOY / "container" / "compose.yaml").read_text())["services"]
+    return found
+
+
+def test_the_containers_can_write_and_do_no_more_than_they_need() -> None:
+    for name, service in services().items():
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert all(port.startswith("127.0.0.1:") for port in service["ports"]), name
+    assert services()["lift-manager"]["read_only"]
+    lines = (DEPLOY / "container" / "Containerfile").read_text().splitlines()
+    assert "USER 10001:10001" in lines
+    assert any(line.startswith("HEALTHCHECK ") for line in lines)
+
+
+def test_every_file_that_compose_mounts_from_the_repository_is_there() -> None:
+    made_by_people = {"./site", "./secrets/prometheus.key"}
+    volumes = [volume.split(":")[0] for service in services().values() for volume in service.get("volumes", ())]
+    mounted = [source for source in volumes if source.startswith(".") and source not in made_by_people]
+    assert mounted
+    assert [source for source in mounted if not (DEPLOY / "container" / source).is_file()] == []
+
+
+def test_the_dashboard_of_compose_reads_from_its_prometheus() -> None:
+    (_, _, command) = services()["grafana"]["entrypoint"]
+    edit = re.search(r"sed '(.*?)'", command.replace("$$", "$"))
+    assert edit is not None
+    dashboard = DEPLOY / "grafana" / "lift-manager.json"
+    made = subprocess.run(["sed", edit[1], dashboard], capture_output=True, text=True, check=True).stdout
+    assert "${DS_" not in made
+    (source,) = yaml.safe_load((DEPLOY / "container" / "grafana" / "datasource.yaml").read_text())["datasources"]
+    assert f'"value": "{source["uid"]}"' in made
+    assert json.loads(made)["uid"] == "lift-manager"
+
+
+def test_prometheus_of_compose_scrapes_what_the_manager_listens_on() -> None:
+    (job,) = yaml.safe_load((DEPLOY / "container" / "prometheus.yml").read_text())["scrape_configs"]
+    assert job["static_configs"] == [{"targets": ["lift-manager:5003"]}]
+    mounted = services()["prometheus"]["volumes"]
+    assert any(volume.endswith(f":{job['authorization']['credentials_file']}:ro") for volume in mounted)
