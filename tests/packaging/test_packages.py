@@ -187,7 +187,7 @@ def test_a_failed_installation_leaves_nothing_behind(house: Path, tmp_path: Path
 
 
 def healthy(url: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-I", DEPLOY / "container" / "healthy.py"]
+    command = [sys.executable, "-I", str(DEPLOY / "container" / "healthy.py")]
     environment = {"LIFT_MANAGER_HEALTH_URL": url}
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGS_S, check=False)
 
