@@ -296,6 +296,9 @@ class Capabilities:
     """Commands that stay on until they are released."""
     max_hold_s: Mapping[str, float]
     """How long each held command lasts after its last declaration; one without a limit is absent."""
+    released_after_s: Mapping[str, float]
+    """How long after its press the controller lets go of each door hold by itself, however often it is written again; one that it
+    keeps is absent."""
     excludes: Mapping[str, frozenset[str]]
     """Commands that may not be on together; one that excludes none is absent."""
     needs_occupancy: bool

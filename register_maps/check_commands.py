@@ -221,7 +221,7 @@ def _until(source: RegisterMap, name: str, command: Command) -> Messages:
             pass
 
 
-def _times(_: RegisterMap, __: str, command: Command) -> Messages:
+def _times(_: RegisterMap, name: str, command: Command) -> Messages:
     for key in ("refresh_s", "repeat_pulse_s"):
         given = getattr(command, key)
         if given is not None and command.max_hold_s is not None and given >= command.max_hold_s:
@@ -236,8 +236,23 @@ def _times(_: RegisterMap, __: str, command: Command) -> Messages:
             yield ("refresh_s",), message
     if command.gap_s and not command.excludes:
         yield ("gap_s",), "is the pause after the release of what `excludes` names; use `excludes`, or remove it"
+    if command.released_after_s is not None:
+        yield from _released(name, command, command.released_after_s)
     if "granted_within_s" in command.model_fields_set and command.granted_by is None:
         yield ("granted_within_s",), "belongs to `granted_by`; declare what grants it, or remove this"
+
+
+def _released(name: str, command: Command, released_after_s: float) -> Messages:
+    """Yield what is wrong with the time after which the controller lets a held door go by itself."""
+    if not name.startswith("hold_door."):
+        cure = "for a controller that ends robot mode after a time set `max_session_s` of the lift in the site file below it"
+        yield ("released_after_s",), f"belongs to a door hold; {cure if name == 'robot_mode' else 'remove it'}"
+        return
+    for key in ("refresh_s", "repeat_pulse_s"):
+        again_s = getattr(command, key)
+        if again_s is not None and again_s >= released_after_s:
+            message = f"{released_after_s:g} s is over before the hold is written again ({key}: {again_s:g}); correct one of the two"
+            yield ("released_after_s",), message
 
 
 def _payload(source: RegisterMap, _: str, command: Command) -> Messages:

@@ -71,6 +71,8 @@ class Command(Part):
     """The controller accepts the hold and clears its point, so the point does not show whether the hold is on."""
     cleared_after_s: Seconds | None = None
     """The controller clears the point of a hold after so long, and continues the hold if it is written again: not a drop."""
+    released_after_s: Seconds | None = None
+    """Of a door hold: so long after its press the controller lets the door go by itself, however often it is written again."""
     on_link_loss: Literal["device_watchdog", "timed_by_device", "latches"] | None = None
     bounded_by: Literal["session"] | None = None
     requires: tuple[str, ...] = ()

@@ -343,6 +343,8 @@ def _dwell(state: State, side: Side, landing: int, dt: float, parameters: Parame
         return None  # on the way home or to the fire floor doors close at once
     if leaf.fraction < 1 or mode is Mode.INSPECTION:
         return remaining_s
+    if f"hold_door.{side}" in state.network_memory.expired:
+        return None
     if side in image.close_door and SERVICE[mode].door_buttons:
         return None
     if mode is Mode.INDEPENDENT and state.destination is None:

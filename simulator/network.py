@@ -6,7 +6,7 @@ a watchdog, robot mode, a button that is stuck, a press without an edge.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING
@@ -33,6 +33,16 @@ class Level:
 
 
 @dataclass(frozen=True, slots=True)
+class TimedHold:
+    """A hold that the controller lets go of after a time. Seconds are real."""
+
+    for_s: float = 0.0
+    """Since its press, no longer than its limit."""
+    absent_s: float = 0.0
+    """The pause between two of its pulses, so far."""
+
+
+@dataclass(frozen=True, slots=True)
 class NetworkMemory:
     """The memory of the controller about its network."""
 
@@ -40,6 +50,9 @@ class NetworkMemory:
     """Commands that it acts on."""
     levels: Mapping[str, Level] = field(default_factory=dict)
     """Commands whose past a setting depends on; an absent command has been at rest for long enough."""
+    timed_holds: Mapping[str, TimedHold] = field(default_factory=dict)
+    expired: frozenset[str] = frozenset()
+    """Holds that the controller has let go of because their time was over."""
     signs_of_life: int = 0
     silent_s: float = 0.0
     """Since the last sign of life, as far as the watchdog needs to know."""
@@ -59,15 +72,31 @@ def listen(
         silent_s = min(memory.silent_s + parameters.scan_s, limit_s)
     alive = limit_s is None or silent_s < limit_s - NEGLIGIBLE_S
     levels = _levels(memory.levels, commands, parameters)
+    timed_holds = dict(_timed_holds(memory.timed_holds, commands, parameters))
+    expired = frozenset(
+        name for name, one in timed_holds.items() if one.for_s >= parameters.released_after_s[name] - NEGLIGIBLE_S
+    )
     fallen = frozenset() if alive else parameters.watched & commands.keys()
     given = {
         name: value
         for name, value in commands.items()
-        if name not in fallen
+        if name not in fallen | expired
         and (robot_mode or name not in parameters.robot_mode_only)
         and _is_believed(name, levels.get(name), parameters)
     }
-    return NetworkMemory(given, levels, signs_of_life, silent_s, tripped=bool(fallen))
+    return NetworkMemory(given, levels, timed_holds, expired, signs_of_life, silent_s, tripped=bool(fallen))
+
+
+def _timed_holds(
+    before: Mapping[str, TimedHold], commands: Given, parameters: Parameters
+) -> Iterator[tuple[str, TimedHold]]:
+    for name, limit_s in parameters.released_after_s.items():
+        past = before.get(name)
+        absent_s = 0.0 if name in commands or past is None else past.absent_s + parameters.scan_s
+        if past is None and name in commands:
+            yield name, TimedHold()
+        elif past is not None and absent_s <= parameters.pauses_s.get(name, 0.0):
+            yield name, TimedHold(min(past.for_s + parameters.scan_s, limit_s), absent_s)
 
 
 def _levels(before: Mapping[str, Level], commands: Given, parameters: Parameters) -> Mapping[str, Level]:

@@ -45,7 +45,7 @@ def watchdog_s(codec: Codec) -> float | None:
 
 
 def apply_map(parameters: Parameters, codec: Codec) -> Parameters:
-    """Apply the map's watchdog, robot mode and handshake to a controller.
+    """Apply the map's watchdog, time limits of holds, robot mode and handshake to a controller.
 
     A given `hold_watchdog_s` overrides that of the map; infinity is no watchdog at all. Commands given as `watched` are
     watched in addition to those of the map.
@@ -65,6 +65,10 @@ def apply_map(parameters: Parameters, codec: Codec) -> Parameters:
         parameters,
         hold_watchdog_s=None if limit_s == inf else limit_s,
         watched=_watched(codec) | parameters.watched,
+        released_after_s={
+            name: spec.released_after_s for name, spec in commands.items() if spec.released_after_s is not None
+        },
+        pauses_s={name: spec.repeat_pulse_s for name, spec in commands.items() if spec.repeat_pulse_s is not None},
         robot_mode_only=frozenset(name for name, spec in commands.items() if "robot_mode_on" in spec.requires),
         handshake=rules,
     )

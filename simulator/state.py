@@ -51,6 +51,11 @@ class Parameters:
     """Network commands that do nothing unless robot mode is on, by name."""
     drops_stuck_button_s: float | None = None
     """A door hold from the network that stays on longer counts as released until it is released and given again; None: it lasts."""
+    released_after_s: Mapping[str, float] = field(default_factory=dict)
+    """Door holds from the network, by name, and how long after its press each counts as released, whatever is written; it counts
+    again once it was absent. The door closes then without waiting."""
+    pauses_s: Mapping[str, float] = field(default_factory=dict)
+    """Of these, the holds made of pulses, with the longest absence that still belongs to a hold."""
     needs_edge_s: float | None = None
     """A network command counts only if its point was at rest for so long before; None: every change counts."""
     handshake: handshake.Rules | None = None
@@ -78,7 +83,7 @@ class Parameters:
     def believes_all(self) -> bool:
         """Whether every network command counts for as long as it is there."""
         timers = self.hold_watchdog_s, self.drops_stuck_button_s, self.needs_edge_s
-        return timers == (None, None, None) and not self.robot_mode_only
+        return timers == (None, None, None) and not (self.robot_mode_only or self.released_after_s)
 
     @property
     def ticks_per_scan(self) -> int:

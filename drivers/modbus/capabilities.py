@@ -57,6 +57,9 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         until={name: call.until or "arrived" for name, call in calls.items() if call.action == "hold"},
         held_commands=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
         max_hold_s={name: one.max_hold_s for name, one in source.commands.items() if one.max_hold_s is not None},
+        released_after_s={
+            name: one.released_after_s for name, one in source.commands.items() if one.released_after_s is not None
+        },
         excludes=_excludes({name: command.excludes for name, command in source.commands.items()}),
         needs_occupancy=source.needs_occupancy,
         door_opens_within_s=source.door_opens_within_s,

@@ -187,7 +187,9 @@ class LiftCapabilities(Answer):
     poll_s: float
     lease_s: float = Field(description="The longest lease; a session is renewed before its lease ends.")
     max_session_s: float
-    max_session_hold_s: float = Field(description="How long the door is held at most during one stop.")
+    max_session_hold_s: float = Field(
+        description="How long the door is held at most during one stop: the shorter of what the site and the controller allow."
+    )
     clear_s: float = Field(
         default=10.0,
         description="How long before the manager releases a held door `robot_door` stops being `open`. Leases are at least three times as"
@@ -232,7 +234,7 @@ class LiftCapabilities(Answer):
             poll_s=lift.poll_s,
             lease_s=lift.lease_s,
             max_session_s=lift.max_session_s,
-            max_session_hold_s=lift.max_session_hold_s,
+            max_session_hold_s=lift.hold_limit.seconds,
             clear_s=lift.clear_s,
             arrive_within_s=capabilities.arrive_within_s,
             robot_hours="" if lift.robot_hours is None else str(lift.robot_hours),

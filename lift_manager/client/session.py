@@ -94,7 +94,7 @@ class ActiveSession:
         return await self._run_command(CommandType.GO_TO, wait, floor=floor, hold_door=hold_door)
 
     async def hold_door(self, *, wait: float = 0.0) -> Command:
-        """Hold the door open, as long as the site allows."""
+        """Hold the door open, as long as site and controller allow."""
         return await self._run_command(CommandType.HOLD_DOOR, wait)
 
     async def let_go_door(self, *, wait: float = 0.0) -> Command:

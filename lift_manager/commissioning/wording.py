@@ -278,5 +278,7 @@ def _action(spec: Command) -> Iterator[str]:
         yield "taken and cleared by the controller, so its point does not show whether it is on"
     if spec.cleared_after_s is not None:
         yield f"cleared by the controller after {spec.cleared_after_s:g} s, to see it written again"
+    if spec.released_after_s is not None:
+        yield f"released by the controller after {spec.released_after_s:g} s, however often it is written again"
     if spec.bounded_by == "session":
         yield "ends with the session"

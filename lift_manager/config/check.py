@@ -46,7 +46,7 @@ def check_site(
             problems += check_floors(key, lift, codec)
             problems += check_use(key, lift, plain_maps[name])
             problems += _check_timing(key, site, lift, plain_maps[name], needs)
-        problems += _check_clear_times(key, site, lift, for_rmf=for_rmf)
+        problems += _check_clear_times(key, site, lift, plain_maps.get(name), for_rmf=for_rmf)
     problems += check_outputs(site, {name: maps[name] for name in known if name in maps})
     return problems
 
@@ -79,15 +79,14 @@ def _check_names(site: Site) -> Iterator[Problem]:
             yield Problem(("lifts", name), message)
 
 
-def _check_clear_times(key: Key, site: Site, lift: Lift, *, for_rmf: bool) -> Iterator[Problem]:
-    """Yield time limits that leave robots too little time before OPEN is withdrawn."""
+def _check_clear_times(
+    key: Key, site: Site, lift: Lift, source: RegisterMap | None, *, for_rmf: bool
+) -> Iterator[Problem]:
+    """Yield time limits, of the site or of the controller, that leave robots too little time before OPEN is withdrawn."""
     uses_rmf = for_rmf or bool(site.rmf.model_fields_set or lift.rmf.model_fields_set)
     of_rmf = ("rmf.clear_s", site.rmf.clear_s if uses_rmf else 0.0)
-    limits = {
-        "lease_s": ("clear_s", lift.clear_s),
-        "max_session_hold_s": max(("clear_s", lift.clear_s), of_rmf, key=lambda one: one[1]),
-        "max_session_s": max(("clear_s", lift.clear_s), of_rmf, key=lambda one: one[1]),
-    }
+    longest = max(("clear_s", lift.clear_s), of_rmf, key=lambda one: one[1])
+    limits = {"lease_s": ("clear_s", lift.clear_s), "max_session_hold_s": longest, "max_session_s": longest}
     for name, (clearing, clear_s) in limits.items():
         value, least_s = getattr(lift, name), CLEARS_IN_A_LIMIT * clear_s
         if value < least_s:
@@ -96,6 +95,22 @@ def _check_clear_times(key: Key, site: Site, lift: Lift, *, for_rmf: bool) -> It
                 f" door open before it is announced to be released; set `{name}` to {least_s:g} or more, or lower `{clearing}`"
             )
             yield Problem((*key, name), message)
+    if source is not None and lift.access == "control":
+        yield from _check_released_holds(key, source, *longest)
+
+
+def _check_released_holds(key: Key, source: RegisterMap, clearing: str, clear_s: float) -> Iterator[Problem]:
+    """Yield door holds that the controller lets go of too soon for robots."""
+    for name, command in source.commands.items():
+        released_after_s = command.released_after_s
+        if released_after_s is not None and released_after_s < CLEARS_IN_A_LIMIT * clear_s:
+            message = (
+                f"the controller lets go of {name} after {released_after_s:g} s (`released_after_s` in {source.name}), which is less than"
+                f" {CLEARS_IN_A_LIMIT} times `{clearing}` ({clear_s:g} s), so robots would hardly see the door open before it is announced"
+                f" to be released; lower `{clearing}` to {released_after_s / CLEARS_IN_A_LIMIT:.3g} or less, or have the controller hold"
+                " the door longer"
+            )
+            yield Problem((*key, "map"), message)
 
 
 def _check_timing(

@@ -73,9 +73,10 @@ def _hold_door(draft: Draft, session: Session, command: CommandRequest) -> Refus
     if session.floor is None:
         return _not_now(draft, "it was asked for no floor yet: ask for one with go_to, and hold_door with it")
     if session.hold_spent and not may_hold_again(session, config, draft.now):
+        limit = config.hold_limit
         return _not_now(
             draft,
-            f"the door was held at {session.floor} for {config.max_session_hold_s:g} s, as long as the site allows; it is held"
+            f"the door was held at {session.floor} for {limit.seconds:g} s, as long as {limit.set_by} allows; it is held"
             f" again once it has been shut for {config.between_sessions_s:g} s",
         )
     if (why := doors.why_no_hold(config, session.floor)) is not None:

@@ -203,6 +203,8 @@ class SessionOnLift:
     door_is_free: bool
     """Nothing of ours holds a door, and that is verified."""
     hold_spent: bool
+    hold_limited_by: str
+    """Who limits the hold of a door, for messages."""
     in_place: CommandProgress
     robot_left: CommandProgress
     close: CommandProgress
@@ -343,7 +345,9 @@ def _hold_door(pending: PendingCommand, lift: SessionOnLift, now: float) -> Pend
     if lift.floor != pending.floor:
         return broken_off(pending, REPLACED)
     if lift.hold_spent:
-        return broken_off(pending, "the door was held for as long as the site allows in one stop, and is let go")
+        return broken_off(
+            pending, f"the door was held for as long as {lift.hold_limited_by} allows in one stop, and is let go"
+        )
     call = lift.call
     if call.phase is CallPhase.FAILED:
         return broken_off(pending, f"the call to {pending.floor} failed: {call.reason}")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
+from typing import NamedTuple
 
 from drivers.model import Capabilities, Command, CommandKind, FloorName
 from lift_manager.lift.hours import RobotHours
@@ -25,6 +26,14 @@ class Checkout:
     sha256: str
     """Of its record, as printed on each page of its report."""
     ended_at: datetime
+
+
+class HoldLimit(NamedTuple):
+    """How long a door is held at one stop at most."""
+
+    seconds: float
+    set_by: str
+    """For messages: the site, or the controller."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +62,7 @@ class LiftConfig:
     takeover_after_s: float | None = None
     """A holder silent for so long loses an empty car to the next caller; never where the site does not say."""
     max_session_hold_s: float = 900.0
-    """How long a door is held at one stop, renewed or not."""
+    """How long the site lets a door be held at one stop, renewed or not; `hold_limit` is what counts."""
     clear_s: float = 10.0
     """From the withdrawal of OPEN to the release of a held door. Chosen: a robot at 0.5 m/s that has just begun to drive through
     is out of the doorway twice over."""
@@ -78,6 +87,17 @@ class LiftConfig:
     """In RMF's building map; empty where it is the same there."""
     rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
     """Those that RMF's building map names otherwise."""
+
+    @property
+    def hold_limit(self) -> HoldLimit:
+        """Return how long a door is held at one stop, renewed or not.
+
+        A controller that lets one of its doors go sooner limits the hold of every door.
+        """
+        released_after_s = min(self.capabilities.released_after_s.values(), default=math.inf)
+        if released_after_s < self.max_session_hold_s:
+            return HoldLimit(released_after_s, "the controller")
+        return HoldLimit(self.max_session_hold_s, "the site")
 
     def lease_for(self, ttl_s: float | None) -> float | None:
         """Return the lease of a session that was requested with `ttl_s`; one shorter than three times `clear_s` is raised to that."""

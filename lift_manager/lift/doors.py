@@ -103,6 +103,13 @@ def doors_at_rest(config: LiftConfig, record: LiftRecord) -> bool:
     return all(record.status(hold) is OutputState.AT_REST for hold in holds)
 
 
+def door_on_since(config: LiftConfig, record: LiftRecord, now: float) -> float | None:
+    """Return since when a door has been held, or was to be, without all of them seen at rest; None where that limits nothing."""
+    if not config.capabilities.released_after_s or doors_at_rest(config, record):
+        return None
+    return now if record.door_on_since is None else record.door_on_since
+
+
 def _declared_holds(config: LiftConfig, record: LiftRecord) -> tuple[Command, ...]:
     return () if record.door_hold is None else config.door_holds(record.door_hold.floor)
 
@@ -111,7 +118,7 @@ def _declared_holds(config: LiftConfig, record: LiftRecord) -> tuple[Command, ..
 
 
 def hold_doors(draft: Draft, session: Session, observation: Observation, floor: FloorName, *, begin: bool) -> Session:
-    """Hold the doors that serve a floor, and the call that keeps them open, for as long as the site allows.
+    """Hold the doors that serve a floor, and the call that keeps them open, for as long as site and controller allow.
 
     After a restart what is found off stays off until the holder asks again.
     """
@@ -127,8 +134,10 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
             return session
         call_output.release_call_of_door(draft)
         return _note_shut(draft, session, observation, floor)
-    since = draft.now if session.holding_since is None else session.holding_since
-    session = replace(session, holding_since=since)
+    if session.holding_since is None:
+        # a hold of before that never came to rest goes on, for all that the controller knows
+        since = draft.now if draft.record.door_on_since is None else draft.record.door_on_since
+        session = replace(session, holding_since=since)
     draft.change(session=session, used_by=session.number)
     call_output.renew_call(draft)
     _declare(draft, floor, may_begin=begin and session.may_begin and not observation.must_close)
@@ -171,7 +180,7 @@ def stay_at_target(
 
 
 def hold_unread(draft: Draft, session: Session) -> None:
-    """Release the doors once the site's limit of a hold has come: that needs no reading."""
+    """Release the doors once the limit of a hold has come: that needs no reading."""
     after = spend_hold(draft, session)
     if after is not session:
         draft.change(session=after)
@@ -180,10 +189,10 @@ def hold_unread(draft: Draft, session: Session) -> None:
 
 
 def spend_hold(draft: Draft, session: Session) -> Session:
-    """End a hold that has lasted for as long as the site allows."""
+    """End a hold that has lasted for as long as site and controller allow."""
     if session.hold_spent or draft.now < hold_ends_at(session, draft.config):
         return session
-    draft.alarm(hold_spent_text(session.holder, draft.config.max_session_hold_s), session.holder)
+    draft.alarm(hold_spent_text(session.holder, draft.config.hold_limit), session.holder)
     return replace(session, hold_spent=True, holding_since=None)
 
 

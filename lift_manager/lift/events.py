@@ -8,6 +8,7 @@ from enum import StrEnum, unique
 
 from drivers.model import FloorName, Outcome
 from lift_manager.lift.commands import CommandStatus
+from lift_manager.lift.config import HoldLimit
 from lift_manager.lift.refusals import how_to_acknowledge, how_to_release
 from lift_manager.lift.session import Advice, EndReason, Holder
 
@@ -250,6 +251,6 @@ def unclaimed_text(lift: str, where: str) -> str:
     )
 
 
-def hold_spent_text(holder: Holder, limit_s: float) -> str:
-    """Return the alarm of a door that was held for as long as the site allows."""
-    return f"the door was held for {limit_s:g} s; it is let go, {holder} keeps the lift"
+def hold_spent_text(holder: Holder, limit: HoldLimit) -> str:
+    """Return the alarm of a door that was held for as long as its limit allows."""
+    return f"the door was held for {limit.seconds:g} s, as long as {limit.set_by} allows; it is let go, {holder} keeps the lift"

@@ -237,6 +237,7 @@ def session_on_lift(config: LiftConfig, record: LiftRecord, session: Session, mo
         door_is_given=doors.door_is_given(config, record) or call_is_on,
         door_is_free=doors.doors_at_rest(config, record) and not call_is_on,
         hold_spent=session.hold_spent,
+        hold_limited_by=config.hold_limit.set_by,
         in_place=progress_of(record.in_place.call, now),
         robot_left=progress_of(record.robot_left.call, now),
         close=record.closing.progress,

@@ -228,6 +228,8 @@ class LiftRecord:
     door_hold: DoorHold | None = None
     door_hold_found: bool = False
     """A door hold of before a restart waits until the car is seen to stand there."""
+    door_on_since: float | None = None
+    """Where the controller lets go of a held door by itself: since when one has been held, or was to be, and not seen at rest."""
     door_held_since: float | None = None
     """Since when what keeps the door open has been seen to be on."""
     closing: DoorClosing = field(default_factory=DoorClosing)

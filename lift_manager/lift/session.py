@@ -300,7 +300,7 @@ def longest_until(session: Session, config: LiftConfig) -> float:
 
 def hold_ends_at(session: Session, config: LiftConfig) -> float:
     """Return when the door is released whatever the holder wants; infinity while it is not held."""
-    return math.inf if session.holding_since is None else session.holding_since + config.max_session_hold_s
+    return math.inf if session.holding_since is None else session.holding_since + config.hold_limit.seconds
 
 
 def releases_at(session: Session, config: LiftConfig) -> float:

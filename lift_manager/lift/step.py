@@ -276,7 +276,10 @@ def _note(draft: Draft, outputs: Outputs) -> None:
 
 
 def _note_door_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftRecord:
-    """Remember since when the door is seen to be held."""
+    """Remember since when the door is held, and since when it is seen to be."""
+    on_since = doors.door_on_since(config, record, moment.now)
+    if on_since != record.door_on_since:
+        record = record.having(door_on_since=on_since)
     is_held = doors.door_is_held(config, record)
     if is_held is (record.door_held_since is not None):
         return record

@@ -11,6 +11,7 @@ CALLED, IN_ROBOT_MODE = {"go_to": 3}, {"robot_mode": 1}
 NOTHING: dict[str, int] = {}
 WATCHED = replace(PLAIN, hold_watchdog_s=2.0, watched=frozenset({"hold_door.front", "robot_mode"}))
 STUCK = replace(PLAIN, drops_stuck_button_s=5.0)
+LIMITED = replace(PLAIN, released_after_s={"hold_door.front": 5.0})
 EDGE = replace(PLAIN, needs_edge_s=0.5)
 
 
@@ -106,6 +107,40 @@ def test_a_finger_on_the_button_and_a_call_that_stays_on_are_not_dropped() -> No
     lift = Lift(STUCK)
     assert lift.run(60, hold_door=FRONT, commands=CALLED).door_open_floor == 0
     assert lift.see().car_calls == floors(3)
+
+
+# -- a controller that lets a held door go by itself
+
+
+def test_a_hold_falls_when_its_time_is_over_however_long_it_stays_on_and_the_door_does_not_wait() -> None:
+    lift = Lift(LIMITED)
+    assert lift.run(4.9, commands=HOLD).doors[Side.FRONT] is Door.OPEN
+    assert lift.run(0.3).doors[Side.FRONT] is Door.CLOSING
+    assert all_closed(lift.run(600))
+
+
+def test_a_hold_that_was_let_go_has_its_whole_time_again() -> None:
+    lift = Lift(LIMITED)
+    lift.run(4.0, commands=HOLD)
+    lift.run(2 * SCAN_S, commands=NOTHING)
+    assert lift.run(4.9, commands=HOLD).doors[Side.FRONT] is Door.OPEN
+    assert all_closed(lift.run(5.0))
+
+
+def test_pulses_of_one_hold_share_its_time() -> None:
+    pulsed = Lift(replace(LIMITED, pauses_s={"hold_door.front": 2.0}))
+    for _ in range(4):
+        pulsed.run(0.5, commands=HOLD)
+        pulsed.run(1.0, commands=NOTHING)
+    assert pulsed.run(0.2, commands=HOLD).doors[Side.FRONT] is not Door.OPEN
+    pulsed.run(2.5, commands=NOTHING)
+    assert pulsed.run(4.9, commands=HOLD).doors[Side.FRONT] is Door.OPEN
+
+
+def test_a_call_from_a_landing_opens_the_door_behind_a_hold_whose_time_is_over() -> None:
+    lift = Lift(LIMITED)
+    assert all_closed(lift.run(60, commands=HOLD))
+    assert lift.run(2, landing_buttons=floors(0)).doors[Side.FRONT] is Door.OPENING
 
 
 # -- a controller that needs an edge

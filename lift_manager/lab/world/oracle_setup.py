@@ -37,7 +37,10 @@ def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
         shows=shows,
         max_age_s=max_age_s,
         timeout_s={controller: loaded.links[controller].timeout_s for controller in controllers},
-        max_session_hold_s=spec.max_session_hold_s,
+        max_session_hold_s=min(
+            [spec.max_session_hold_s]
+            + [one.released_after_s for one in commands.values() if one.released_after_s is not None]
+        ),
         arrive_within_s=arrive_within_s,
         excuses=excuses(shows, max_age_s=max_age_s, arrive_within_s=arrive_within_s),
         blocks=_blocks(loaded, name, codec),

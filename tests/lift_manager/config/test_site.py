@@ -500,6 +500,30 @@ def test_a_limit_that_leaves_robots_no_time_before_open_is_withdrawn_is_refused_
     load(tmp_path, site, ("    access: control\n", line.replace(str(least_s - 1), str(least_s))))
 
 
+LETS_GO = "    override: {commands: {hold_door.front: {released_after_s: 29}}}\n"
+
+
+@each_row(
+    ("of_rmf", "least_s", "clearing"),
+    [("", 30, "`clear_s` (10 s)"), ("rmf: {end_grace_s: 3}\n", 90, "`rmf.clear_s` (30 s)")],
+)
+def test_a_controller_that_lets_the_door_go_too_soon_for_robots_is_refused_with_both_times(
+    tmp_path: Path, of_rmf: str, least_s: int, clearing: str
+) -> None:
+    site, seconds = of_rmf + GENERIC, str(least_s - 1)
+    lets_go = LETS_GO.replace("29", seconds)
+    (one,) = findings(tmp_path, site, ("    access: control\n", "    access: control\n" + lets_go))
+    for text in (
+        "lifts.main.map",
+        f"lets go of hold_door.front after {seconds} s",
+        "released_after_s",
+        f"3 times {clearing}",
+    ):
+        assert text in str(one)
+    load(tmp_path, site, ("    access: control\n", "    access: control\n" + lets_go.replace(seconds, str(least_s))))
+    load(tmp_path, site, ("    access: control\n", lets_go))
+
+
 def test_a_shorter_clear_s_allows_shorter_limits(tmp_path: Path) -> None:
     more = "    access: control\n    clear_s: 2\n    lease_s: 6\n    max_session_hold_s: 6\n"
     lift = load(tmp_path, GENERIC, ("    access: control\n", more)).site.lifts["main"]

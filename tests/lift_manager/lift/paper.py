@@ -63,6 +63,7 @@ PLAIN = Capabilities(
     until={},
     held_commands=frozenset({"hold_door.front", "robot_mode"}),
     max_hold_s={},
+    released_after_s={},
     excludes={},
     needs_occupancy=False,
     door_opens_within_s=10.0,

@@ -36,6 +36,7 @@ IDLE = SessionOnLift(
     door_is_given=False,
     door_is_free=False,
     hold_spent=False,
+    hold_limited_by="the site",
     in_place=CommandProgress(),
     robot_left=CommandProgress(),
     close=CommandProgress(),

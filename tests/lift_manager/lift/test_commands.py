@@ -1,5 +1,7 @@
 """Commands within a session, and the session as its holder sees it."""
 
+from dataclasses import replace
+
 import pytest
 
 from drivers.model import Result
@@ -10,7 +12,10 @@ from lift_manager.lift.occupancy import Occupancy, RobotWord
 from lift_manager.lift.refusals import Refused
 from lift_manager.lift.requests import TURNS, SessionBegun
 from register_maps.words import Door, Motion
-from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, ROBOT, PaperLift
+from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, PLAIN, ROBOT, PaperLift
+
+LETS_GO = replace(PLAIN, released_after_s={"hold_door.front": 20.0})
+"""A controller that lets go of its door after 20 s."""
 
 GO_TO, HOLD, LET_GO, CLOSE = CommandType.GO_TO, CommandType.HOLD_DOOR, CommandType.RELEASE_DOOR, CommandType.CLOSE_DOOR
 
@@ -177,6 +182,45 @@ def test_open_is_withdrawn_clear_s_before_the_door_is_released() -> None:
     lift.wait(16.0)
     assert lift.door != "open"
     assert "hold_door.front" in lift.holds
+
+
+def test_a_hold_is_spent_when_the_controller_lets_go_and_everything_said_of_it_names_the_controller() -> None:
+    lift = arrived(PaperLift(LETS_GO, site={"clear_s": 5.0}))
+    lift.wait(12.0)
+    assert lift.door == "open"
+    lift.wait(4.0)
+    assert (lift.door, "hold_door.front" in lift.holds) == ("moving", True)
+    lift.wait(5.0)
+    assert "hold_door.front" not in lift.holds
+    assert any("was held for 20 s, as long as the controller allows" in text for text in lift.alarms)
+    refused = lift.command(HOLD)
+    assert isinstance(refused, Refused)
+    assert "for 20 s, as long as the controller allows" in refused.message
+
+
+def test_the_shorter_of_what_site_and_controller_allow_ends_a_hold() -> None:
+    lift = arrived(PaperLift(LETS_GO, site={"max_session_hold_s": 15.0, "clear_s": 5.0}))
+    lift.wait(16.0)
+    assert any("was held for 15 s, as long as the site allows" in text for text in lift.alarms)
+    assert lift.config.hold_limit == (15.0, "the site")
+
+
+def test_a_hold_that_is_let_go_and_requested_again_before_it_came_to_rest_is_no_fresh_one_for_the_controller() -> None:
+    lift = arrived(PaperLift(LETS_GO, site={"clear_s": 5.0}))
+    lift.wait(8.0)
+    lift.obeys = False
+    lift.command(LET_GO)
+    lift.command(HOLD)
+    lift.obeys = True
+    lift.wait(1.0)
+    left_s = lift.state.releases_in_s
+    assert left_s is not None
+    assert left_s < 11.0
+    lift.command(LET_GO)
+    lift.wait(1.0)
+    lift.command(HOLD)
+    lift.wait(1.0)
+    assert lift.state.releases_in_s == pytest.approx(19.0)
 
 
 def test_a_caller_that_changes_its_mind_too_often_is_refused() -> None:

@@ -44,6 +44,7 @@ ABLE = Capabilities(
     until={},
     held_commands=frozenset({"hold_door.front"}),
     max_hold_s={},
+    released_after_s={},
     excludes={},
     needs_occupancy=False,
     door_opens_within_s=10.0,
