@@ -39,6 +39,11 @@ def check(
             show_default=False,
         ),
     ] = [],  # noqa: B006 - typer makes a new list of it
+    *,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", help="Also list what is assumed of each lift, because neither map nor site says it."),
+    ] = False,
 ) -> None:
     """Find every mistake in a site file or a register map; exits 2 if there is one."""
     if nav_graph and building_map is None:
@@ -46,7 +51,9 @@ def check(
             "also give the building map that it was made from, with --building-map", param_hint="--nav-graph"
         )
     try:
-        print_lines(check_file(file, serve_checks.obstacles, serve_checks.cautions, for_rmf=building_map is not None))
+        for_rmf = building_map is not None
+        lines = check_file(file, serve_checks.obstacles, serve_checks.cautions, for_rmf=for_rmf, verbose=verbose)
+        print_lines(lines)
         if building_map is not None:
             _check_names(file, building_map, nav_graph)
     except MapFileError as error:

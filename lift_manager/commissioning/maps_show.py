@@ -9,6 +9,7 @@ from lift_manager.commissioning import wording
 from lift_manager.commissioning.detection import Detection, detections
 from lift_manager.commissioning.maps_list import at_floor, fire
 from lift_manager.commissioning.wording import one_line
+from register_maps.assumptions import assumptions
 from register_maps.codec import Codec, CommandCodec, Point, SignalCodec, compile_map
 from register_maps.load import LoadedMap
 from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
@@ -106,6 +107,8 @@ class MapSheet:
     at_same_floor: str
     fire: str
     cautions: tuple[str, ...]
+    assumed: tuple[str, ...]
+    """What holds because the map does not say otherwise."""
     faults: tuple[Detection, ...]
     """What can be seen of each fault of such a lift, and what cannot."""
 
@@ -134,6 +137,7 @@ def map_sheet(loaded: LoadedMap) -> MapSheet:
         at_same_floor={"call": "the call itself", "open_button": "the door-open command"}[source.at_same_floor],
         fire=fire(source),
         cautions=tuple(one_line(finding.message) for finding in loaded.warnings),
+        assumed=assumptions(source),
         faults=detections(codec, max_age_s=source.link.max_age_s),
     )
 

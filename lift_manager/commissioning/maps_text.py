@@ -12,7 +12,7 @@ from lift_manager.commissioning.wording import FUNCTIONS, functions
 
 
 def lines(sheet: MapSheet) -> Iterator[str]:
-    """Yield the text, from the head to the limits of the link."""
+    """Yield the text, from the head to what is assumed."""
     yield f"{sheet.name}  [{sheet.trust}]"
     yield from textwrap.wrap(sheet.title, WIDTH)
     yield from _facts(_head(sheet))
@@ -33,6 +33,9 @@ def lines(sheet: MapSheet) -> Iterator[str]:
     yield from _facts(_faults(sheet))
     yield from _section("LINK AND LIMITS")
     yield from _facts(_link(sheet))
+    yield from _section("ASSUMED: what the map does not say; compare it with the vendor's table")
+    for assumed in sheet.assumed:
+        yield from textwrap.wrap(assumed, WIDTH, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _head(sheet: MapSheet) -> Iterator[tuple[str, str]]:

@@ -18,6 +18,7 @@ from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
 from lift_manager.config.tls import path_of, tls_cautions, tls_lines, tls_problems
 from lift_manager.lift.config import Checkout
+from register_maps.assumptions import assumptions
 from register_maps.codec import Codec, compile_map
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
@@ -211,11 +212,12 @@ def check_file(
     cautions: Callable[[LoadedSite], Iterable[str]] = LoadedSite.cautions,
     *,
     for_rmf: bool = False,
+    verbose: bool = False,
 ) -> list[str]:
-    """Check a site file or a map; returns the cautions and a summary. Raises MapFileError.
+    """Check a site file or a map; returns the cautions, what is assumed, and a summary. Raises MapFileError.
 
     `obstacles` finds what prevents the use of a correct site file, `cautions` what people should know of it; `for_rmf` is as for
-    `load_site`.
+    `load_site`. What a site assumes is returned only if `verbose`.
     """
     if _is_map(read(path, number_keys=lambda _: True).data):
         return map_report(load(path))
@@ -224,17 +226,38 @@ def check_file(
         raise MapFileError(blocking)
     lines = [f"caution: {line}" for line in cautions(loaded_site)]
     lines += tls_lines(loaded_site.site, path.parent)
+    if verbose:
+        lines += _assumed_of_lifts(loaded_site)
     for name, lift in loaded_site.site.lifts.items():
         lines.append(f"{name}: {lift.access}, floors {', '.join(lift.floors)}, {_map_text(loaded_site.maps[name].map)}")
     return [*lines, f"{path}: no mistakes"]
 
 
 def map_report(loaded: LoadedMap) -> list[str]:
-    """Return the cautions about a correct map, and its summary."""
+    """Return the cautions about a correct map, what it leaves to its defaults, and its summary."""
     return [
         *(f"caution: {warning}" for warning in loaded.warnings),
+        *_assumed("the map does not say", assumptions(loaded.map)),
         f"{loaded.path}: {_map_text(loaded.map)}: no mistakes",
     ]
+
+
+def _assumed(of: str, lines: Collection[str]) -> Iterator[str]:
+    if lines:
+        yield f"assumed, because {of} otherwise; compare it with the vendor's table:"
+        yield from (f"  {line}" for line in lines)
+
+
+def _assumed_of_lifts(loaded: LoadedSite) -> Iterator[str]:
+    """Yield what is assumed of the lifts of a site, once for those of which it is the same."""
+    lifts: dict[tuple[str, ...], list[str]] = {}
+    for name, lift in loaded.site.lifts.items():
+        controller = loaded.site.controllers[lift.controller]
+        given = {key for key, value in controller if value is not None}
+        given |= {"unit_id"} if lift.unit_id is not None else set()
+        lifts.setdefault(assumptions(loaded.maps[name].map, given), []).append(name)
+    for lines, names in lifts.items():
+        yield from _assumed(f"neither the site nor the map of {', '.join(names)} says", lines)
 
 
 def _lift_cautions(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:

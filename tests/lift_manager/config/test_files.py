@@ -66,6 +66,18 @@ def test_check_says_what_each_lift_is_after_its_cautions(tmp_path: Path) -> None
     ]
 
 
+def test_check_lists_what_is_assumed_of_the_lifts_of_a_site_where_that_is_wanted(tmp_path: Path) -> None:
+    path = tmp_path / "site.yaml"
+    path.write_text(GENERIC.replace("    access: control\n", "    access: control\n    unit_id: 7\n"), "utf-8")
+    heading = (
+        "assumed, because neither the site nor the map of main says otherwise; compare it with the vendor's table:"
+    )
+    lines = check_file(path, verbose=True)
+    assert "  requests may follow one another without a pause (`min_gap_s`)" in lines[lines.index(heading) :]
+    assert not any("answers as unit" in line for line in lines)
+    assert heading not in check_file(path)
+
+
 @each_row("path", sorted(MAPS.glob("*.yaml")))
 def test_check_knows_a_map_from_a_site_file(path: Path) -> None:
     assert check_file(path)[-1].startswith(f"{path}: map {path.stem} (")
