@@ -43,7 +43,9 @@ def _of_signals(source: RegisterMap) -> Iterator[str]:
     numbers = [
         name
         for name, signal in own.items()
-        if name in words and SIGNALS[name] in (Kind.FLOOR, Kind.NUMBER) and "type" not in signal.model_fields_set
+        if name in words
+        and (SIGNALS[name] in (Kind.FLOOR, Kind.NUMBER) or signal.thresholds)
+        and "type" not in signal.model_fields_set
     ]
     if numbers:
         yield f"never negative: {', '.join(numbers)} (`type`)"

@@ -14,6 +14,10 @@ Bit = tuple[str, int, int]
 """Space, address on the wire, bit."""
 
 
+_CODING = ("at", "bits", "type", "word_order", "byte_order", "code")
+"""What two signals at the same number have in common."""
+
+
 class Claims:
     """The owners of bits; an owner is a name and the key of one of its addresses."""
 
@@ -73,6 +77,8 @@ def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, K
     by_name = dict((one, other))
     if by_name.keys() == {"mode", "robot_mode_on"} and source.signals["mode"].names_robot_mode:
         return f"{text} is in mode already, whose word `robot` shows it; remove robot_mode_on"
+    if (message := _number_and_threshold(source, one[0], other[0], text)) is not None:
+        return message or None
     doors = [name for name, key in by_name.items() if key[0] == "open_limits"]
     if by_name.get("car_floor", ("",))[0] != "one_of" or len(doors) != 1:
         return f"{text} is in {other[0]} already; give each signal a place of its own"
@@ -81,6 +87,17 @@ def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, K
     if floor != limit:
         return f"{text} is floor {floor} of car_floor and floor {limit} of {doors[0]}; {_alike(source.signals['car_floor'], source.signals[doors[0]])}"
     return None
+
+
+def _number_and_threshold(source: RegisterMap, one: str, other: str, text: str) -> str | None:
+    """Return None where not one of the two is a number and the other shown by it; else why they differ, empty if they do not."""
+    numbers = [name for name in (one, other) if SIGNALS.get(name) is Kind.NUMBER]
+    if len(numbers) != 1 or not any(source.signals[name].thresholds for name in (one, other)):
+        return None
+    number, shown = (source.signals[name] for name in (one, other))
+    if all(getattr(number, key) == getattr(shown, key) for key in _CODING):
+        return ""
+    return f"{text} is in {other} already, which reads it otherwise; give both the same type, bits and order"
 
 
 def _code(part: Signal | Command, key: KeyPath) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import SIGNALS, WORDS, Kind, RegisterMap, Signal
-from register_maps.signal_codec import highest_bcd
+from register_maps.signal_codec import highest_bcd, number_range
 from register_maps.signal_schema import PLACE_KEYS
 from register_maps.words import BIT_TABLES
 
@@ -36,6 +36,11 @@ _BELONGS: dict[str, tuple[str, ...]] = {
     "tolerance": ("at",),
     "codes": ("one_of", "each_of", "open_limits"),
     "means_yes": ("at",),
+    "yes_from": ("at",),
+    "yes_to": ("at",),
+    "open_at": ("at",),
+    "closed_at": ("at",),
+    "range": ("at",),
     "unknown": ("at", "code_of"),
     "none": ("at", "code_of"),
     "code": ("at", "code_of"),
@@ -79,6 +84,7 @@ def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Messa
     if signal.at is not None:
         yield from _words(kind, signal, width)
         yield from _flag(kind, signal, width)
+        yield from _thresholds(kind, signal, width)
     if signal.at is not None or signal.code_of is not None:
         yield from _reserved(kind, signal)
         yield from _codes(signal, width)
@@ -180,7 +186,7 @@ def _field(source: RegisterMap, signal: Signal) -> Messages:
 def _type(kind: Kind, signal: Signal, width: int) -> Messages:
     if (signal.type == "counter") is not (kind is Kind.COUNTER):
         yield ("type",), "a counter needs `type: counter`" if kind is Kind.COUNTER else f"a {kind} is not a counter"
-    elif signal.is_wide and kind not in (Kind.NUMBER, Kind.FLOOR):
+    elif signal.is_wide and kind not in (Kind.NUMBER, Kind.FLOOR) and not signal.thresholds:
         yield ("type",), f"{signal.type} is for numbers and floors, and this is a {kind}; use uint16 or int16"
     elif signal.is_wide and (width == 1 or signal.at is None):
         yield (
@@ -205,8 +211,9 @@ def _level(kind: Kind, signal: Signal, width: int) -> Messages:
         yield ("active",), message
     if signal.code == "bcd":
         unsigned = signal.type in ("uint16", "uint32") and width > 1
-        if _form_of(signal) in _BELONGS["code"] and not (unsigned and kind in (Kind.FLOOR, Kind.NUMBER)):
-            cure = "use `type: uint16`" if kind in (Kind.FLOOR, Kind.NUMBER) and width > 1 else "remove `code`"
+        counts = kind in (Kind.FLOOR, Kind.NUMBER) or bool(signal.thresholds)
+        if _form_of(signal) in _BELONGS["code"] and not (unsigned and counts):
+            cure = "use `type: uint16`" if counts and width > 1 else "remove `code`"
             yield ("code",), f"BCD is for a floor or a number in several bits, without a sign; {cure}"
     elif "code" in signal.model_fields_set and _form_of(signal) in _BELONGS["code"] and not coded:
         cure = "use `type: uint16`" if kind is Kind.FLOOR and width > 1 else "remove `code`"
@@ -214,7 +221,7 @@ def _level(kind: Kind, signal: Signal, width: int) -> Messages:
 
 
 def _units(name: str, kind: Kind, signal: Signal) -> Messages:
-    if signal.unit and kind is not Kind.NUMBER:
+    if signal.unit and kind is not Kind.NUMBER and not signal.thresholds:
         yield ("unit",), f"belongs to a number, and this is a {kind}; remove it"
     if name == "watchdog_time":
         if signal.unit_s is None:
@@ -239,7 +246,7 @@ def _words(kind: Kind, signal: Signal, width: int) -> Messages:
         return
     # `unknown` has a key of its own
     allowed = [word for word in words if word != "unknown"]
-    if signal.values is None and (kind is not Kind.DOOR or width > 1):
+    if signal.values is None and (kind is not Kind.DOOR or width > 1) and not signal.thresholds:
         yield (), f"a {kind} needs `values`, a table of codes and words: {', '.join(allowed)}"
     if kind is Kind.DOOR and signal.values is not None and len(set(signal.values.values())) < 2:
         only = ", ".join(sorted(set(signal.values.values()))) or "no word"
@@ -267,8 +274,66 @@ def _flag(kind: Kind, signal: Signal, width: int) -> Messages:
         yield ("means_yes",), message
 
 
+def _thresholds(kind: Kind, signal: Signal, width: int) -> Messages:
+    """Yield what is wrong with a flag or a door that a number shows."""
+    thresholds = signal.thresholds
+    own = ("yes_from", "yes_to") if kind is Kind.FLAG else ("open_at", "closed_at") if kind is Kind.DOOR else ()
+    if misplaced := [key for key in thresholds if key not in own]:
+        owner = Kind.FLAG if misplaced[0].startswith("yes") else Kind.DOOR
+        yield (misplaced[0],), f"belongs to a {owner}, and this is a {kind}; remove it"
+    elif not thresholds and signal.range is not None:
+        message = "belongs to a flag with `yes_from` or `yes_to`, or a door with `open_at` and `closed_at`; remove it"
+        yield ("range",), message
+    elif thresholds and width == 1:
+        yield (next(iter(thresholds)),), "is for a number, and this is a single bit; give the register of the number"
+    elif thresholds:
+        for other in ("means_yes", "active") if kind is Kind.FLAG else ("values",):
+            if other in signal.model_fields_set:
+                yield (other,), f"{' and '.join(f'`{key}`' for key in thresholds)} say what the number means; remove it"
+        yield from _limits(kind, signal, width)
+        for key, number in thresholds.items():
+            if (problem := _off_limits(signal, number, width)) is not None:
+                yield (key,), problem
+
+
+def _off_limits(signal: Signal, number: int, width: int) -> str | None:
+    """Return why a number cannot be a threshold; None if it can."""
+    if (message := _misfit(signal, number, width)) is not None:
+        return message.replace("code", "number", 1)
+    if signal.range is not None and not signal.range[0] <= number <= signal.range[1]:
+        return f"{number} is outside `range`, {signal.range[0]} to {signal.range[1]}; correct one of the two"
+    return f"{number} is `unknown` already; a number has one meaning" if number in signal.unknown else None
+
+
+def _limits(kind: Kind, signal: Signal, width: int) -> Messages:
+    """Yield numbers between which the thresholds decide nothing."""
+    if signal.range is None and kind is Kind.DOOR:
+        yield (
+            (),
+            "a door that shows its position needs `range`, its lowest and highest one: nothing else may read as open",
+        )
+    for number in signal.range or ():
+        if (message := _misfit(signal, number, width)) is not None:
+            yield ("range",), message.replace("code", "number", 1)
+    low, high = signal.range or number_range(signal, 32 if signal.is_wide else width)
+    if low >= high:
+        yield ("range",), f"[{low}, {high}] holds no two numbers; write the lowest first"
+    elif kind is Kind.DOOR and abs((signal.open_at or 0) - (signal.closed_at or 0)) < 2:
+        yield ("closed_at",), "leaves no position between open and closed, where the door moves; give another one"
+    elif kind is Kind.FLAG:
+        first, last = signal.yes_from, signal.yes_to
+        if first is not None and last is not None and first > last:
+            yield ("yes_to",), f"no number is at least {first} and at most {last}; exchange the two"
+        elif (first is None or first <= low) and (last is None or last >= high):
+            yield (
+                (next(iter(signal.thresholds)),),
+                f"every number from {low} to {high} would mean yes; give another one",
+            )
+
+
 def _reserved(kind: Kind, signal: Signal) -> Messages:
-    if kind is not Kind.FLOOR and kind not in WORDS and signal.positions is None and signal.unknown:
+    has_codes = kind is Kind.FLOOR or kind in WORDS or signal.positions is not None or bool(signal.thresholds)
+    if signal.unknown and not has_codes:
         yield ("unknown",), f"a {kind} has no codes; remove `unknown`"
     if kind is not Kind.FLOOR and signal.none:
         yield ("none",), "`none` is for floors; remove it" + (", or use `unknown`" if kind in WORDS else "")

@@ -221,6 +221,8 @@ def _by_position(name: str, spec: Signal, width: int) -> Coding:
 
 def _coding(name: str, kind: Kind, spec: Signal, width: int) -> Coding:
     match kind:
+        case Kind.FLAG | Kind.DOOR if spec.thresholds:
+            return _measured(name, spec, width, _yes_between(spec) if kind is Kind.FLAG else _door_at(spec))
         case Kind.FLAG:
             return _in_robot_mode(spec, width) if spec.names_robot_mode else _flag(spec, width)
         case Kind.DOOR | Kind.MOTION | Kind.MODE:
@@ -257,6 +259,58 @@ def _flag(spec: Signal, width: int) -> Coding:
         no, yes = yes, no
     table: dict[int, Value] = {no: False, yes: True}
     return (lambda raw: table.get(raw, UNLISTED)), (lambda value: yes if value else no)
+
+
+def _measured(name: str, spec: Signal, width: int, meaning: Callable[[int], Value]) -> Coding:
+    """Raw: a number, whose meaning is decided by thresholds. It is encoded as a threshold itself, or as a number just beyond one."""
+    read, write = _number(spec, width)
+    lowest, highest = spec.range or number_range(spec, width)
+
+    def decode(raw: int) -> Value | Unlisted:
+        number = read(raw)
+        if number in spec.unknown:
+            return None
+        return meaning(number) if isinstance(number, int) and lowest <= number <= highest else UNLISTED
+
+    ends = tuple(spec.thresholds.values())
+    tried = (0, *ends, sum(ends) // 2, *(number for end in ends for number in (end - 1, end + 1)))
+    numbers = [number for number in tried if lowest <= number <= highest and number not in spec.unknown]
+    # from the last to the first, so that the first number with a meaning stands for it
+    known = {meaning(number): number for number in reversed(numbers)}
+    known |= {None: spec.unknown[0]} if spec.unknown else {}
+
+    def encode(value: Value) -> int:
+        value = Door.MOVING if value in (Door.OPENING, Door.CLOSING) else value
+        if value not in known:
+            raise ValueError(f"{name} has no number for {value}")
+        return write(known[value])
+
+    return decode, encode
+
+
+def _yes_between(spec: Signal) -> Callable[[int], Value]:
+    low, high = spec.yes_from, spec.yes_to
+    return lambda number: (low is None or number >= low) and (high is None or number <= high)
+
+
+def _door_at(spec: Signal) -> Callable[[int], Value]:
+    """Return what a position of a door means; some doors count up as they open, and some down."""
+    open_at, closed_at = spec.open_at or 0, spec.closed_at or 0
+    sign = 1 if open_at > closed_at else -1
+
+    def meaning(number: int) -> Value:
+        if sign * number >= sign * open_at:
+            return Door.OPEN
+        return Door.CLOSED if sign * number <= sign * closed_at else Door.MOVING
+
+    return meaning
+
+
+def number_range(spec: Signal, width: int) -> tuple[int, int]:
+    """Return the lowest and the highest number that so many bits of this signal's type hold."""
+    if spec.type in ("int16", "int32"):
+        return -(1 << width - 1), (1 << width - 1) - 1
+    return 0, highest_bcd(width) if spec.code == "bcd" else (1 << width) - 1
 
 
 def _in_robot_mode(spec: Signal, width: int) -> Coding:

@@ -57,6 +57,16 @@ class Signal(Part):
     values: dict[Annotated[int, Field(ge=-32768, le=65535)], str] | None = None
     means_yes: Word = 1
     """The code for yes of a flag that fills a whole register or field; 0 is no, and everything else is unknown."""
+    yes_from: Position | None = None
+    """Of a flag that a number shows: yes from this number on, in the counts of the register."""
+    yes_to: Position | None = None
+    """Of a flag that a number shows: yes up to this number; with `yes_from`, only between the two."""
+    open_at: Position | None = None
+    """Of a door that shows how far it is open: the position at which it counts as fully open, and beyond."""
+    closed_at: Position | None = None
+    """Of a door that shows how far it is open: the position at which it counts as closed, and beyond."""
+    range: tuple[Position, Position] | None = None
+    """Lowest and highest number of a flag or a door that a number shows; every other one is unknown."""
     as_: Literal["floor"] | None = Field(default=None, alias="as")
     unknown: tuple[Word, ...] = ()
     """Codes that mean "not known"."""
@@ -88,7 +98,15 @@ class Signal(Part):
             raise ValueError("`bits` are written lowest first, such as [4, 5]")
         if (self.positions is None) != (self.tolerance is None):
             raise ValueError("`positions` and `tolerance` belong together; give both, or neither")
+        if (self.open_at is None) != (self.closed_at is None):
+            raise ValueError("`open_at` and `closed_at` belong together; give both, or neither")
         return self
+
+    @property
+    def thresholds(self) -> dict[str, int]:
+        """The thresholds of a flag or a door that a number shows, by their keys; empty for every other signal."""
+        keys = ("yes_from", "yes_to", "open_at", "closed_at")
+        return {key: getattr(self, key) for key in keys if getattr(self, key) is not None}
 
     @property
     def names_robot_mode(self) -> bool:

@@ -52,9 +52,11 @@ class ShownSignals:
         floor = codec.signals.get("car_floor")
         limits = {signal.points for signal in codec.signals.values() if signal.kind is Kind.DOOR and signal.per_floor}
         self._floor_is_door = floor is not None and floor.points in limits
+        # what a number shows may be at the place of that number, and decides what is there
+        shown = sorted(codec.signals, key=lambda name: bool(codec.map.signals[name].thresholds))
         self._signals = [
-            (signal, [(point.space, point) for point in signal.points])
-            for name, signal in codec.signals.items()
+            (codec.signals[name], [(point.space, point) for point in codec.signals[name].points])
+            for name in shown
             if name not in codec.map.derived
         ]
         position = codec.map.signals.get("car_position")

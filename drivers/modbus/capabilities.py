@@ -87,7 +87,9 @@ def _is_open_contact(codec: Codec, name: str) -> bool:
     signal, spec = codec.signals.get(name), codec.map.signals.get(name)
     if signal is None or spec is None:
         return False
-    return signal.per_floor or (spec.open_limit is None and (spec.values or OPEN_CONTACT) == OPEN_CONTACT)
+    if spec.open_limit is not None or spec.thresholds:
+        return False
+    return signal.per_floor or (spec.values or OPEN_CONTACT) == OPEN_CONTACT
 
 
 def _hash(codec: Codec) -> str:

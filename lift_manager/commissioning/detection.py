@@ -188,6 +188,8 @@ def _contradicts(codec: Codec, name: str) -> bool:
         signal.insert(image, Door.OPEN)
     except ValueError:
         return True
+    if spec.thresholds:
+        return spec.range is not None
     return spec.values is not None and len(spec.values) < 2 ** min(16, signal.points[0].width)
 
 

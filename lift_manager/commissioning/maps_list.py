@@ -144,6 +144,8 @@ def _door(spec: Signal) -> str:
         return "two limits"
     if spec.open_limits is not None:
         return "open limits, one per floor"
+    if spec.thresholds:
+        return "its position as a number"
     words = tuple((spec.values or {0: "closed", 1: "open"}).values())
     return " or ".join(words) if len(words) == 2 else ", ".join(words)
 

@@ -221,6 +221,8 @@ def _size(signal: SignalCodec, spec: Signal) -> Iterator[str]:
 
 def _values(signal: SignalCodec, spec: Signal) -> str:
     special = [f"{code} = not known" for code in spec.unknown] + [f"{code} = no floor" for code in spec.none]
+    if spec.thresholds:
+        return ", ".join([*_thresholds(spec), *special])
     if signal.kind is Kind.FLAG:
         yes = spec.means_yes if signal.width > 1 else 1
         return f"0 = yes, {yes} = no (inverted)" if spec.active == "low" else f"{yes} = yes, 0 = no"
@@ -236,6 +238,22 @@ def _values(signal: SignalCodec, spec: Signal) -> str:
     if signal.kind is Kind.FLOOR:
         return ", ".join(["the code of a floor", *special])
     return {Kind.COUNTER: "a number that changes"}.get(signal.kind, "a number")
+
+
+def _thresholds(spec: Signal) -> Iterator[str]:
+    """Describe what a number means that shows a flag or a door."""
+    if spec.open_at is not None and spec.closed_at is not None:
+        opens_up = spec.open_at > spec.closed_at
+        yield f"{spec.open_at} or {'more' if opens_up else 'less'} = open"
+        yield f"{spec.closed_at} or {'less' if opens_up else 'more'} = closed, between = moving"
+    elif spec.yes_to is None:
+        yield f"{spec.yes_from} or more = yes, less = no"
+    elif spec.yes_from is None:
+        yield f"{spec.yes_to} or less = yes, more = no"
+    else:
+        yield f"{spec.yes_from} to {spec.yes_to} = yes, everything else = no"
+    if spec.range is not None:
+        yield f"outside {spec.range[0]} to {spec.range[1]} = not known"
 
 
 def one_output(command: CommandCodec) -> str:

@@ -55,6 +55,24 @@ FORMS: list[Mistake] = [
     ("positions without a tolerance", LOAD, LOAD[:-1] + ", positions: {0: 1, 1: 9}}", "signals.load", "`positions` and `tolerance` belong together"),
     ("positions of a load", LOAD, LOAD[:-1] + ", positions: {0: 1, 1: 9}, tolerance: 1}", "signals.load.positions", "belongs to car_position"),
     ("positions beside a floor", LOAD, 'car_position: {at: "input:2", positions: {0: 1, 1: 9}, tolerance: 1}', "signals.car_position.positions", "the map has a car_floor of its own"),
+    # flags and doors that a number shows
+    ("a threshold of a bit", ENTER, ENTER[:-1] + ", yes_from: 1}", "signals.may_enter.yes_from", "is for a number, and this is a single bit"),
+    ("a threshold of a number", LOAD, LOAD[:-1] + ", yes_from: 110}", "signals.load.yes_from", "belongs to a flag, and this is a number"),
+    ("a threshold of a flag for a door", REAR, 'door.rear: {at: "sensor/holding:1", values: {0: closed, 1: open}, yes_to: 9}', "signals.door.rear.yes_to", "belongs to a flag, and this is a door"),
+    ("a threshold beyond the type", OVERLOAD, 'overload: {at: "holding:10", yes_from: 70000}', "signals.overload.yes_from", "number 70000 does not fit: 16 bits of uint16 hold 0 to 65535"),
+    ("a threshold beyond the range", OVERLOAD, 'overload: {at: "holding:10", yes_from: 110, range: [0, 100]}', "signals.overload.yes_from", "110 is outside `range`, 0 to 100"),
+    ("a range beyond the type", OVERLOAD, 'overload: {at: "holding:10", yes_from: 110, range: [-1, 120]}', "signals.overload.range", "number -1 does not fit"),
+    ("a range of one number", OVERLOAD, 'overload: {at: "holding:10", yes_from: 110, range: [110, 110]}', "signals.overload.range", "holds no two numbers"),
+    ("a threshold that is not known", OVERLOAD, 'overload: {at: "holding:10", yes_from: 110, unknown: [110]}', "signals.overload.yes_from", "110 is `unknown` already"),
+    ("a flag that is always yes", OVERLOAD, 'overload: {at: "holding:10", yes_from: 0}', "signals.overload.yes_from", "every number from 0 to 65535 would mean yes"),
+    ("a flag that is never yes", OVERLOAD, 'overload: {at: "holding:10", yes_from: 9, yes_to: 3}', "signals.overload.yes_to", "no number is at least 9 and at most 3; exchange the two"),
+    ("a code for yes beside a threshold", OVERLOAD, OVERLOAD[:-1] + ", yes_from: 110}", "signals.overload.means_yes", "`yes_from` say what the number means; remove it"),
+    ("a range without a threshold", OVERLOAD, OVERLOAD[:-1] + ", range: [0, 9]}", "signals.overload.range", "belongs to a flag with `yes_from` or `yes_to`"),
+    ("a door that is open without being closed", REAR, 'door.rear: {at: "sensor/holding:1", open_at: 90, range: [0, 100]}', "signals.door.rear", "`open_at` and `closed_at` belong together"),
+    ("a door without its range", REAR, 'door.rear: {at: "sensor/holding:1", open_at: 90, closed_at: 2}', "signals.door.rear", "needs `range`, its lowest and highest one"),
+    ("a door that never moves", REAR, 'door.rear: {at: "sensor/holding:1", open_at: 90, closed_at: 89, range: [0, 100]}', "signals.door.rear.closed_at", "leaves no position between open and closed"),
+    ("words for a position", REAR, 'door.rear: {at: "sensor/holding:1", open_at: 90, closed_at: 2, range: [0, 100], values: {0: closed, 1: open}}', "signals.door.rear.values", "`open_at` and `closed_at` say what the number means"),
+    ("a flag of a number that is read otherwise", OVERLOAD, 'overload: {at: "input:2", yes_from: 110}', "signals.load.at", "which reads it otherwise; give both the same type, bits and order"),
 ]  # fmt: skip
 
 BY_POSITION = 'car_position: {at: "input:3", positions: {0: 100, 1: 4000, 2: 8000}, tolerance: 20}'

@@ -155,6 +155,55 @@ def test_a_floor_is_called_with_the_low_byte_first(code: int | None, word: int) 
     assert codec.commands["go_to"].decode(image) == code
 
 
+@each_row(
+    ("coding", "data", "value"),
+    [
+        ("yes_from: 110", "00 6E", True),
+        ("yes_from: 110", "00 6D", False),
+        ("yes_from: 110", "FF FF", True),
+        ("yes_from: 110, range: [0, 200]", "FF FF", UNLISTED),
+        ("yes_from: 110, unknown: [65535]", "FF FF", None),
+        ("yes_to: -5, type: int16", "FF FB", True),
+        ("yes_to: -5, type: int16", "00 00", False),
+        ("yes_from: -5, yes_to: 5, type: int16", "FF FB", True),
+        ("yes_from: -5, yes_to: 5, type: int16", "00 06", False),
+        ("yes_from: 110, byte_order: low_first", "6E 00", True),
+        ("yes_from: 110, code: bcd", "01 10", True),
+        ("yes_from: 110, code: bcd", "01 0F", UNLISTED),
+        ("yes_from: 10, bits: [4, 7]", "00 A0", True),
+    ],
+)
+def test_a_flag_may_be_a_number_with_a_threshold(coding: str, data: str, value: object) -> None:
+    codec = written_map(f'signals:\n  overload: {{at: "input:0", {coding}}}\n')
+    values, unlisted = read(codec, data)
+    assert values["overload"] is (None if value is UNLISTED else value)
+    assert ("overload" in unlisted) is (value is UNLISTED)
+
+
+def test_a_flag_may_be_a_number_in_two_registers() -> None:
+    codec = written_map('signals:\n  overload: {at: "input:0", type: uint32, word_order: low_first, yes_from: 70000}\n')
+    assert read(codec, "11 70 00 01")[0] == {"overload": True}
+    assert read(codec, "11 6F 00 01")[0] == {"overload": False}
+
+
+@each_row(
+    ("open_at", "closed_at", "words"),
+    [
+        (90, 2, {0: "closed", 2: "closed", 3: "moving", 89: "moving", 90: "open", 100: "open", 101: None, 255: None}),
+        (10, 95, {0: "open", 10: "open", 11: "moving", 94: "moving", 95: "closed", 100: "closed", 0xFFFF: None}),
+    ],
+)
+def test_a_door_may_be_a_position_that_counts_up_or_down(open_at: int, closed_at: int, words: dict[int, str]) -> None:
+    coding = f"open_at: {open_at}, closed_at: {closed_at}, range: [0, 100], unknown: [255]"
+    codec = written_map(f'signals:\n  door.front: {{at: "input:0", {coding}}}\n')
+    assert {number: read(codec, f"{number:04X}")[0]["door.front"] for number in words} == words
+
+
+def test_a_number_and_the_flag_that_it_shows_share_a_register() -> None:
+    codec = written_map('signals:\n  load: {at: "input:0", unit: "%"}\n  overload: {at: "input:0", yes_from: 110}\n')
+    assert read(codec, "00 6E")[0] == {"load": 110, "overload": True}
+
+
 POSITION = """\
 signals:
   car_position: {at: "input:0", type: int32, word_order: high_first, unit: mm, positions: {-1: -3500, 0: 0, 1: 4200}, tolerance: 15, unknown: [-30000]}

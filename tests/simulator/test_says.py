@@ -182,6 +182,27 @@ def test_a_flag_that_fills_a_register_says_the_maps_own_yes() -> None:
     assert lift.read(INPUT, 5, 2) == [85, 0x0900]
 
 
+def test_a_number_is_at_its_threshold_while_the_flag_is_yes_wherever_the_map_lists_the_flag() -> None:
+    for signals in (
+        '  load: {at: "input:5"}\n  overload: {at: "input:5", yes_from: 110}\n',
+        '  overload: {at: "input:5", yes_from: 110}\n  load: {at: "input:5"}\n',
+    ):
+        lift = said(DOOR + signals)
+        assert lift.read(INPUT, 5) == [0]
+        lift.people(Inputs(overload=True))
+        assert lift.read(INPUT, 5) == [110]
+
+
+def test_a_door_that_shows_its_position_is_between_its_ends_while_it_moves() -> None:
+    lift = said(DOOR + '  door.front: {at: "input:5", open_at: 90, closed_at: 2, range: [1, 100]}\n')
+    assert lift.read(INPUT, 5) == [2]
+    lift.people(Inputs(hold_door=frozenset({Side.FRONT})))
+    lift.after(1)
+    assert lift.read(INPUT, 5) == [46]
+    lift.until(is_open)
+    assert lift.read(INPUT, 5) == [90]
+
+
 def test_overload_fault_and_out_of_service_are_told() -> None:
     text = """\
   overload: {at: "discrete:30"}

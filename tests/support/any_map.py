@@ -80,6 +80,8 @@ def bit(draw: st.DrawFn, places: Places) -> Data:
     at = places.take(draw, *REGISTERS)
     if draw(st.booleans()):
         return {"at": f"{at}.{draw(st.integers(0, 15))}"}
+    if draw(st.booleans()):
+        return {"at": at, draw(st.sampled_from(["yes_from", "yes_to"])): draw(st.integers(1, 65534))}
     return {"at": at, "means_yes": draw(st.sampled_from([1, 255, 65535]))}
 
 

@@ -57,12 +57,15 @@ def asserted(facts: LiftFacts, misfit: Misfit) -> Finding:
             "If the lift is in that mode, put it back into normal service; if it is not, compare the values with the vendor's table",
         )
     contact = "open" if spec.active == "low" else "closed"
+    cure = f"this is a normally-{contact} contact: write `active: {_inverse(spec)}` for it in the map"
+    if spec.thresholds:
+        cure = _compare_thresholds(spec, misfit.raw)
     return facts.finding(
         Severity.WARNING,
         "asserted",
         name,
         f"reports {name.replace('_', ' ')}{'' if misfit.is_constant else ' at times'}: no robot rides",
-        f"If that is so, reset it; if the lift is at rest, this is a normally-{contact} contact: write `active: {_inverse(spec)}` for it in the map",
+        f"If that is so, reset it; if the lift is at rest, {cure}",
     )
 
 
@@ -72,15 +75,24 @@ def never_at_rest(facts: LiftFacts) -> Iterator[Finding]:
         if (name.startswith("obstruction.") or name == "overload") and always(facts.pictures, name, True):
             spec = facts.lift.codec.map.signals[name]
             what = "an overload" if name == "overload" else "something in the doorway"
+            cure = f"it is a normally-closed contact (`active: {_inverse(spec)}` in the map), or a dirty sensor"
+            if spec.thresholds:
+                cure = _compare_thresholds(spec, facts.last_raw(name))
             yield facts.finding(
                 Severity.WARNING,
                 "asserted",
                 name,
                 f"reports {what} all the time",
-                f"Look whether that is so; if not, it is a normally-closed contact (`active: {_inverse(spec)}` in the map), or a dirty sensor",
+                f"Look whether that is so; if not, {cure}",
             )
 
 
 def _inverse(spec: Signal) -> str:
     """Return what `active` would be in the map if this contact is inverted."""
     return "high" if spec.active == "low" else "low"
+
+
+def _compare_thresholds(spec: Signal, raw: int) -> str:
+    """Return the cure for a flag that a number shows."""
+    keys = " and ".join(f"`{key}: {number}`" for key, number in spec.thresholds.items())
+    return f"compare {keys} with the vendor's table: it reads {raw}"

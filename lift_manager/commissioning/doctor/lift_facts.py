@@ -35,7 +35,14 @@ class LiftFacts:
 
     def last_value(self, name: str) -> Value | Unlisted:
         """Return what a signal that was read at all had last."""
-        return next(picture.values[name] for picture in reversed(self.pictures) if name in picture.raw)
+        return self._last(name).values[name]
+
+    def last_raw(self, name: str) -> int:
+        """Return the same as a number."""
+        return self._last(name).raw[name]
+
+    def _last(self, name: str) -> Picture:
+        return next(picture for picture in reversed(self.pictures) if name in picture.raw)
 
     def printed(self, name: str) -> str:
         """Return the name of a signal or a command with its address; nothing for no name."""

@@ -193,7 +193,10 @@ def described(source: RegisterMap) -> MapEvidence:
     by_limits = any(spec.open_limits is not None for spec in doors)
     shared = floor is not None and any(set(spec.addresses) == set(floor.addresses) for spec in doors)
     per_floor = floor is not None and floor.one_of is not None
-    both = all(spec.open_limit is not None or len(set((spec.values or {}).values())) > 2 for spec in doors)
+    both = all(
+        spec.open_limit is not None or spec.open_at is not None or len(set((spec.values or {}).values())) > 2
+        for spec in doors
+    )
     beat = signals.get("alive")
     return MapEvidence(
         max_age_s=source.link.max_age_s,

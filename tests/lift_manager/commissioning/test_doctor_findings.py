@@ -24,7 +24,7 @@ from lift_manager.commissioning.doctor.timing_findings import Latency, milliseco
 from lift_manager.config.devices import Device
 from register_maps.codec import Codec, Value
 from register_maps.frames import unpack_bits
-from register_maps.load import load
+from register_maps.load import MapChanges, load
 from register_maps.words import Door, Mode, Motion, Table
 from tests.support.rows import each_row
 
@@ -46,8 +46,12 @@ AT_REST: Mapping[str, Value] = {
 }
 
 
-def subjects(name: str = "generic-registers", floors: Mapping[str, int] | None = FLOORS) -> Subjects:
-    return subjects_at("plc", 502, load(name), floors=floors)
+def subjects(
+    name: str = "generic-registers",
+    floors: Mapping[str, int] | None = FLOORS,
+    override: Mapping[str, object] | None = None,
+) -> Subjects:
+    return subjects_at("plc", 502, load(name, changes=MapChanges({}, override or {})), floors=floors)
 
 
 def registers(codec: Codec, **values: Value) -> tuple[int, ...]:
@@ -190,6 +194,16 @@ def test_one_late_answer_in_a_hundred_is_a_warning() -> None:
 )
 def test_a_state_that_lasts_is_judged(changes: Mapping[str, Value], expected: list[str]) -> None:
     assert codes(read(*timeline(*[changes] * 8))) == expected
+
+
+@each_row("signal", ["overload", "fire"])
+def test_a_flag_that_a_number_shows_is_no_contact_to_be_inverted(signal: str) -> None:
+    shown = {"at": "holding:6", "active": None, "yes_from": 110}
+    changed = subjects(override={"signals": {"destination": None, signal: shown}})
+    rows = [(turn, 1, 1, 1, 1, 5, 120, 0) for turn in range(8)]
+    found = judge(changed, Evidence({PLC: read(*polls(*rows))}, 8.0, frozenset()))
+    (one,) = [finding for finding in found if finding.code == "asserted"]
+    assert "compare `yes_from: 110` with the vendor's table: it reads 120" in one.cure
 
 
 @each_row(

@@ -12,6 +12,15 @@ SIGNALS = [
     ("overload: {at: 'holding:1.3', active: low}", "0 = yes, 1 = no (inverted)"),
     ("overload: {at: 'holding:1', means_yes: 255}", "255 = yes, 0 = no"),
     ("overload: {at: 'holding:1', means_yes: 255, active: low}", "0 = yes, 255 = no (inverted)"),
+    ("overload: {at: 'holding:1', yes_from: 110, unit: '%'}", "110 or more = yes, less = no; in %"),
+    (
+        "level: {at: 'holding:1', type: int16, yes_from: -5, yes_to: 5, unknown: [999], range: [-500, 500]}",
+        "signed; -5 to 5 = yes, everything else = no, outside -500 to 500 = not known, 999 = not known",
+    ),
+    (
+        "door.front: {at: 'holding:1', open_at: 90, closed_at: 2, range: [0, 100]}",
+        "90 or more = open, 2 or less = closed, between = moving, outside 0 to 100 = not known",
+    ),
     ("door.front: {at: 'discrete:1'}", "0 = closed, 1 = open"),
     ("door.front: {at: 'discrete:1', active: low}", "1 = closed, 0 = open (inverted)"),
     (
