@@ -15,6 +15,7 @@ _LINK: dict[str, str] = {
     "min_poll_s": "it may be polled at any pace",
     "timeout_s": f"its answers come within {_DEFAULT.timeout_s:g} s",
     "max_registers_per_read": f"one request may read {_DEFAULT.max_registers_per_read} registers",
+    "idle_timeout_s": "a connection stays open however long it is silent",
     "tid_echo": "its answers repeat the transaction id of the request",
 }
 """Keys of `link`, with what is assumed without them."""

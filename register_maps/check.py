@@ -13,6 +13,7 @@ from register_maps.check_claims import check_claims
 from register_maps.check_commands import check_commands
 from register_maps.check_confirm import check_confirm
 from register_maps.check_evidence import check_evidence
+from register_maps.check_link import check_link
 from register_maps.check_places import check_served
 from register_maps.check_signals import check_signals
 from register_maps.errors import Problem
@@ -25,6 +26,7 @@ def check(source: RegisterMap) -> list[Problem]:
     """Return every problem of a map whose addresses can all be read."""
     problems = [
         *check_served(source),
+        *check_link(source),
         *check_signals(source),
         *check_commands(source),
         *check_confirm(source),

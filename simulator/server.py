@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
 import struct
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from pymodbus.constants import ExcCodes
@@ -41,6 +43,9 @@ _SINGLE_WRITES = (frames.WRITE_COIL, frames.WRITE_REGISTER, frames.MASK_WRITE)
 
 _LAST_OBJECT = {1: 2, 2: 6}
 """Of the basic and of the regular device identification (V1.1b3, 6.21)."""
+
+GAP_ROUNDING_S = 0.002
+"""A request this much too soon is still taken. Chosen: the timers of uvloop count whole milliseconds."""
 
 _NO_LINGER = struct.pack("ii", 1, 0)
 
@@ -84,13 +89,25 @@ class Networked(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class ClientLimits:
+    """What a controller demands of its clients. Seconds are real."""
+
+    most: int | None = None
+    """How many connections it has slots for; None: as many as come."""
+    idle_timeout_s: float | None = None
+    """It closes a connection without a request for so long; None: never."""
+    min_gap_s: float = 0.0
+    """It loses a request that comes sooner after its last answer on the same connection."""
+
+
 class _Slots:
     """Who is connected to a controller, and who may be."""
 
-    def __init__(self, devices: Mapping[int, Device], most: int | None) -> None:
+    def __init__(self, devices: Mapping[int, Device], limits: ClientLimits) -> None:
         self._devices = tuple(devices.values())
         self._networked = [device for device in self._devices if isinstance(device, Networked)]
-        self._most = most
+        self._most = limits.most
         self._connected: set[_Connection] = set()
         self._kept = 0
         """Slots of connections that went away unnoticed."""
@@ -215,10 +232,16 @@ class _Connection(ServerRequestHandler):
     notes S1 and S2), and what it cannot decode it answers for function 80.
     """
 
-    def __init__(self, owner: ModbusTcpServer, context: _Context, slots: _Slots) -> None:
+    def __init__(
+        self, owner: ModbusTcpServer, context: _Context, slots: _Slots, limits: ClientLimits, clock: Callable[[], float]
+    ) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self._context = context
         self._slots = slots
+        self._limits = limits
+        self._clock = clock
+        self._answered_at = -math.inf
+        self._idle: asyncio.TimerHandle | None = None
         self._rest = b""
         """The beginning of a request of which more is to come."""
         self._waiting: deque[tuple[bytes, ModbusPDU | None]] = deque()
@@ -228,9 +251,12 @@ class _Connection(ServerRequestHandler):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
         self._slots.take(self)
+        self._wait_for_request()
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
+        if self._idle is not None:
+            self._idle.cancel()
         self._slots.leave(self)
         self._waiting.clear()
 
@@ -254,9 +280,18 @@ class _Connection(ServerRequestHandler):
         except FrameError:
             self.close()
             return
+        if whole:
+            self._wait_for_request()
         self._waiting.extend((frame, self._as_pymodbus_reads(frame)) for frame in whole)
         if self._waiting and self._worker is None:
             self._worker = asyncio.get_running_loop().create_task(self._work())
+
+    def _wait_for_request(self) -> None:
+        """Close the connection unless a request comes in time."""
+        if self._idle is not None:
+            self._idle.cancel()
+        if self._limits.idle_timeout_s is not None:
+            self._idle = asyncio.get_running_loop().call_later(self._limits.idle_timeout_s, self.close)
 
     def _as_pymodbus_reads(self, frame: bytes) -> ModbusPDU | None:
         if _has_duration(frame):
@@ -271,6 +306,8 @@ class _Connection(ServerRequestHandler):
         try:
             while self._waiting:
                 frame, request = self._waiting.popleft()
+                if self._clock() < self._answered_at + self._limits.min_gap_s - GAP_ROUNDING_S:
+                    continue
                 if isinstance(request, ReadDeviceInformationRequest):
                     response = self._context.identify(request)
                     response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
@@ -283,6 +320,7 @@ class _Connection(ServerRequestHandler):
                 else:
                     known = frame[_FUNCTION_AT] in _TABLES
                     self.send(frames.exception_answer(frame, ILLEGAL_VALUE if known else ILLEGAL_FUNCTION))
+                self._answered_at = self._clock()
         finally:
             self._worker = None
 
@@ -295,22 +333,31 @@ def _has_duration(frame: bytes) -> bool:
 class _Server(ModbusTcpServer):
     """pymodbus's server with context and connections of ours."""
 
-    def __init__(self, context: _Context, slots: _Slots, address: tuple[str, int]) -> None:
+    def __init__(
+        self,
+        context: _Context,
+        slots: _Slots,
+        limits: ClientLimits,
+        clock: Callable[[], float],
+        address: tuple[str, int],
+    ) -> None:
         placeholder = SimDevice(0, simdata=[SimData(0, values=0, datatype=DataType.UINT16)])
         super().__init__(placeholder, address=address)
         self.context = context  # type: ignore[assignment]  # the same two methods
         self._ours = context
         self._slots = slots
+        self._limits = limits
+        self._clock = clock
 
     def callback_new_connection(self) -> _Connection:
-        return _Connection(self, self._ours, self._slots)
+        return _Connection(self, self._ours, self._slots, self._limits, self._clock)
 
 
 class SimulatedController:
     """A Modbus/TCP server for one or more units.
 
     A unit nobody plays is answered with exception 0B, as a gateway does, and so is one that is off the network while
-    others are on. `max_clients` is how many connections the device has slots for; None: as many as come. `identity` is what every
+    others are on. `limits` are what the device demands of its clients; nothing by default. `identity` is what every
     unit says that it is, by the number of the object (0 vendor, 1 product code, 2 revision); without it function 43 is refused.
 
     While no device is on the network every connection is reset, and so is one that finds no slot. A real device leaves its
@@ -324,12 +371,13 @@ class SimulatedController:
         host: str = "127.0.0.1",
         port: int = 0,
         clock: Callable[[], float] | None = None,
-        max_clients: int | None = None,
+        limits: ClientLimits | None = None,
         identity: Mapping[int, str] | None = None,
     ) -> None:
         self._devices = devices
         self._identity = identity or {}
-        self._slots = _Slots(devices, max_clients)
+        self._limits = limits or ClientLimits()
+        self._slots = _Slots(devices, self._limits)
         self._host = host
         self._port = port
         self._clock = clock
@@ -345,8 +393,9 @@ class SimulatedController:
         loop = asyncio.get_running_loop()
         _check_free(self._host, self._port)
         self._slots.clear()
-        context = _Context(self._devices, self._clock or loop.time, self._identity)
-        server = _Server(context, self._slots, (self._host, self._port))
+        clock = self._clock or loop.time
+        context = _Context(self._devices, clock, self._identity)
+        server = _Server(context, self._slots, self._limits, clock, (self._host, self._port))
         await server.serve_forever(background=True)
         # asyncio's and uvloop's servers share no class that has sockets
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]

@@ -107,6 +107,8 @@ def _times(sheet: MapSheet) -> Iterator[str]:
     if link["min_poll_s"]:
         yield f"at least {link['min_poll_s']:g} s from poll to poll"
     yield f"a lift not heard of for {link['max_age_s']:g} s counts as offline"
+    if link["idle_timeout_s"] is not None:
+        yield f"a connection without a request for {link['idle_timeout_s']:g} s is closed by the device"
     yield f"at least {link['reconnect_min_s']:g} s from one connection to the next"
 
 

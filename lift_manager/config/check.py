@@ -47,6 +47,7 @@ def check_site(
             problems += check_use(key, lift, plain_maps[name])
             problems += _check_timing(key, site, lift, plain_maps[name], needs)
         problems += _check_clear_times(key, site, lift, plain_maps.get(name), for_rmf=for_rmf)
+    problems += _check_silence(site, {name: plain_maps[name] for name in known if name in plain_maps}, needs)
     problems += check_outputs(site, {name: maps[name] for name in known if name in maps})
     return problems
 
@@ -119,7 +120,7 @@ def _check_timing(
     used = devices(site, lift, source)
     max_age_s = lift.max_age_s or source.link.max_age_s
     least_s = least_poll_s(used.values(), needs)
-    poll_s = max(POLL_S, least_s) if lift.poll_s is None else lift.poll_s
+    poll_s = _poll_s(lift, least_s)
     if poll_s < least_s:
         message = f"a poll every {poll_s:g} s is faster than the controller takes it: {least_s:g} s is the least (min_poll_s); leave `poll_s` out"
         yield Problem((*key, "poll_s"), message)
@@ -131,3 +132,34 @@ def _check_timing(
         if timeout_s > max_age_s:
             message = f"timeout_s {timeout_s:g} of its controller is above max_age_s {max_age_s:g}: one late answer would take the lift offline"
             yield Problem((*key, *(("endpoints", endpoint) if endpoint else ()), "controller"), message)
+
+
+def _check_silence(site: Site, maps: Mapping[str, RegisterMap], needs: Mapping[str, LinkDefaults]) -> Iterator[Problem]:
+    """Yield controllers that would close a connection between two polls, however many lifts are polled over it."""
+    polls: dict[str, list[tuple[float, str]]] = {}
+    for name, source in maps.items():
+        used = devices(site, site.lifts[name], source).values()
+        poll_s = _poll_s(site.lifts[name], least_poll_s(used, needs))
+        for controller in {device.controller for device in used}:
+            polls.setdefault(controller, []).append((poll_s, name))
+    for controller, found in polls.items():
+        (poll_s, name), link = min(found), needs[controller]
+        silence_s, limit_s = link.silence_s(poll_s), link.idle_timeout_s
+        if limit_s is None or silence_s < limit_s:
+            continue
+        most_s = limit_s - link.timeout_s
+        cure = (
+            f"set `poll_s` below {most_s:g}"
+            if most_s > link.min_poll_s
+            else "give the controller a shorter `timeout_s`"
+        )
+        message = (
+            f"a poll every {poll_s:g} s leaves the connection to {controller} silent for {silence_s:g} s when an answer is missing"
+            f" (timeout_s {link.timeout_s:g}), and the controller closes it, or forgets its client, after {limit_s:g} s (idle_timeout_s);"
+            f" {cure}, or raise that limit in the controller's own settings"
+        )
+        yield Problem(("lifts", name, "poll_s"), message)
+
+
+def _poll_s(lift: Lift, least_s: float) -> float:
+    return max(POLL_S, least_s) if lift.poll_s is None else lift.poll_s

@@ -15,6 +15,7 @@ _SITE_SETTINGS = (
     "timeout_s",
     "min_gap_s",
     "reconnect_min_s",
+    "idle_timeout_s",
     "max_registers_per_read",
     "max_bits_per_read",
     "tid_echo",
@@ -64,12 +65,14 @@ def strictest_needs(needs: Iterable[LinkDefaults]) -> LinkDefaults:
     """Return what satisfies all of these devices at once; the defaults where there is none. Unit ids are the first one's."""
     every = list(needs) or [LinkDefaults()]
     slots = [link.max_connections for link in every if link.max_connections is not None]
+    silences_s = [link.idle_timeout_s for link in every if link.idle_timeout_s is not None]
     return every[0].model_copy(
         update={
             **{key: max(getattr(link, key) for link in every) for key in _MOST},
             **{key: min(getattr(link, key) for link in every) for key in _LEAST},
             "tid_echo": all(link.tid_echo for link in every),
             "max_connections": min(slots, default=None),
+            "idle_timeout_s": min(silences_s, default=None),
         }
     )
 

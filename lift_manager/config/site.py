@@ -257,6 +257,8 @@ class Controller(_Part):
     connect_timeout_s: Wait = 1.0
     min_gap_s: Annotated[float, Field(ge=0, le=10)] | None = None
     reconnect_min_s: Seconds | None = None
+    idle_timeout_s: Seconds | None = None
+    """Without a request for so long it closes the connection, or forgets its client."""
     max_registers_per_read: Annotated[int, Field(strict=True, ge=1, le=125)] | None = None
     max_bits_per_read: Annotated[int, Field(strict=True, ge=1, le=2000)] | None = None
     tid_echo: bool | None = None

@@ -13,7 +13,7 @@ from register_maps.words import Side
 from simulator import shaft
 from simulator.modes import Key
 from simulator.registers import RegisterFace
-from simulator.server import SimulatedController
+from simulator.server import ClientLimits, SimulatedController
 from simulator.state import Parameters
 
 HIGHEST_TRIED = 99
@@ -74,13 +74,20 @@ def controllers(
 ) -> dict[str, SimulatedController]:
     """Return a server for the controller, under an empty name, and one for each endpoint of the map, on the following ports.
 
-    Each says that it is simulated, so that nobody takes a test against it for one of a lift.
+    Each says that it is simulated, so that nobody takes a test against it for one of a lift. The controller demands of its clients
+    what the map says under `link`.
     """
+    link = source.link
+    limits = ClientLimits(link.max_connections, link.idle_timeout_s, link.min_gap_s)
     identity = {0: "lift-manager", 1: f"simulated {source.name}", 2: running_version()}
     devices = {"": lift} | {name: lift.endpoint(name) for name in source.endpoints}
     return {
         name: SimulatedController(
-            {source.unit_of(name): device}, host=host, port=port + number if port else 0, identity=identity
+            {source.unit_of(name): device},
+            host=host,
+            port=port + number if port else 0,
+            identity=identity,
+            limits=None if name else limits,
         )
         for number, (name, device) in enumerate(devices.items())
     }

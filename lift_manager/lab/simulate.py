@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack
 from socket import socket
 
@@ -19,7 +19,7 @@ from lift_manager.lab.plant import blind_spots, default_floors
 from lift_manager.lab.replay import Replay, serve_replay
 from lift_manager.plain.signals import stop_on_signals
 from register_maps.codec import Codec, compile_map
-from register_maps.schema import RegisterMap
+from register_maps.schema import LinkDefaults, RegisterMap
 
 
 async def run_simulation(
@@ -90,5 +90,17 @@ def _describe(console: Console, codec: Codec, floors: Mapping[str, int], where: 
     if blind := blind_spots(codec):
         lift = f"There is a lift behind these registers, but they do not show {' or '.join(blind)}"
         console.print(f"{lift}: its outputs can be written and read back, but their effect cannot be seen.")
+    for line in _limits(source.link):
+        console.print(line)
     for line in tryout.lines(codec, floors, where):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def _limits(link: LinkDefaults) -> Iterator[str]:
+    """Yield what the controller demands of its clients."""
+    if link.max_connections is not None:
+        yield f"It serves {link.max_connections} client{'' if link.max_connections == 1 else 's'} at once: a further connection is reset (max_connections)."
+    if link.min_gap_s:
+        yield f"It loses a request that comes sooner than {link.min_gap_s:g} s after its last answer (min_gap_s)."
+    if link.idle_timeout_s is not None:
+        yield f"It closes a connection without a request for {link.idle_timeout_s:g} s (idle_timeout_s)."

@@ -29,6 +29,7 @@ BLOCKS: list[Mistake] = [
     ("a block longer than the device takes", "link: {", "link: {max_registers_per_write: 3, ", "write_blocks[0].count", "4 are too many for one write; the limit is 3, from `link: max_registers_per_write`"),
     ("a block longer than the specification allows", BLOCK, BLOCK.replace("count: 4", "count: 124").replace("holding:20", "holding:100"), "write_blocks[0].count", "the limit is 123, from the specification for a holding"),
     ("a block beyond the wire", BLOCK, BLOCK.replace("holding:20", "holding:65534"), "write_blocks[0].count", "would end at 65537 on the wire"),
+    ("a connection that is closed between two polls", "link: {", "link: {idle_timeout_s: 2, min_poll_s: 1.5, ", "link.idle_timeout_s", "2 s without a request cannot be avoided"),
     ("a cycle faster than the link", BLOCK, BLOCK.replace("0.5", "0.01"), "write_blocks[0]", "every_s of 0.01 s cannot be kept: the link leaves 0.05 s between requests"),
     ("a block at a device nobody declares", BLOCK, BLOCK.replace("holding:20", "sensr/holding:0"), "write_blocks[0].at", "the map has no endpoint sensr; did you mean `sensor`?"),
     ("a bit in a block", FRONT, '    at: "holding:22.0"\n    read_at: "input:10.0"\n', "commands.hold_door.front.shared_word", "take the register out of the block"),

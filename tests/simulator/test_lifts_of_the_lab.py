@@ -4,20 +4,25 @@ import asyncio
 import re
 import shlex
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
+from drivers.modbus.link import Link, LinkSettings
+from drivers.modbus.wire import PymodbusWire
 from lift_manager.lab import tryout
 from lift_manager.lab.plant import blind_spots, controllers, default_floors, simulated_lift
+from register_maps import frames
 from register_maps.codec import Codec, compile_map
 from register_maps.load import load
-from register_maps.words import Side
+from register_maps.words import Side, Table
 from simulator.controller import Parameters
-from tests.support.good_map import HANDSHAKE
+from tests.support.good_map import GOOD, HANDSHAKE, loaded
 from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
+from tests.support.virtual_time import cancel_all
 from tests.support.written_maps import HEAD, written_map
 
 MAPS = sorted(path.stem for path in (Path(__file__).parents[2] / "register_maps" / "maps").glob("*.yaml"))
@@ -142,6 +147,33 @@ def test_each_device_of_a_lift_gets_a_server_on_the_ports_after_the_first(tmp_pa
     named = controllers(codec.map, lift, port=40500)
     assert {name: server.port for name, server in named.items()} == {"": 40500, "sensor": 40501}
     assert {server.port for server in controllers(codec.map, lift).values()} == {0}
+
+
+def test_the_controller_of_a_map_demands_of_its_clients_what_its_link_says(tmp_path: Path) -> None:
+    text = GOOD.replace("served:", "link: {max_connections: 1, min_gap_s: 0.05, idle_timeout_s: 60}\nserved:", 1)
+    codec = compile_map(loaded(tmp_path, text).map)
+    (server,) = controllers(codec.map, simulated_lift(codec, {"L1": 1, "L2": 2})).values()
+
+    async def check() -> None:
+        await server.start()
+        settings = LinkSettings(min_gap_s=0.05, max_connections=1)
+        link = Link(partial(PymodbusWire, "127.0.0.1", server.port), settings, name="plc")
+        running = asyncio.create_task(link.run())
+        try:
+            async with asyncio.timeout(60):
+                await link.wait_up()
+                for _ in range(20):
+                    await link.read(frames.read(Table.HOLDING, 0, 4))
+            reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+            with pytest.raises(ConnectionResetError):
+                await reader.read(1)
+            writer.close()
+            assert (link.epoch, link.stats.losses) == (1, 0)
+        finally:
+            await cancel_all([running])
+            await server.stop()
+
+    asyncio.run(check())
 
 
 # -- the lines

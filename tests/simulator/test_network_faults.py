@@ -27,7 +27,7 @@ from simulator.faults import (
 )
 from simulator.modes import Key
 from simulator.registers import NoReply
-from simulator.server import Device, SimulatedController
+from simulator.server import ClientLimits, Device, SimulatedController
 from tests.simulator.faces import Faced, faced, is_closed, is_open, stands_open_at
 from tests.support.rows import each_row
 from tests.support.written_maps import HEAD, written_map
@@ -36,6 +36,7 @@ COIL, DISCRETE, HOLDING = Table.COIL, Table.DISCRETE, Table.HOLDING
 HOST = "127.0.0.1"
 WITHIN_S = 60.0
 READ = "01 03 00 01 00 01"
+IDLE_S = 1.0
 """The floor of generic-registers."""
 ALIVE, FLOOR = 0, 1
 GO_TO, HOLD, ROBOT = 16, 17, 18
@@ -329,7 +330,7 @@ class Plant:
 def with_plant(
     check: Callable[[Plant], Awaitable[None]],
     *lifts: Faced,
-    max_clients: int | None = None,
+    limits: ClientLimits | None = None,
     run: Callable[[Coroutine[None, None, None]], None] = asyncio.run,
 ) -> None:
     """Run a check against a server in front of these lifts, which are its units 1, 2 and so on."""
@@ -337,7 +338,7 @@ def with_plant(
     @asynccontextmanager
     async def served() -> AsyncIterator[Plant]:
         devices: dict[int, Device] = {number: lift.face for number, lift in enumerate(lifts, start=1)}
-        server = SimulatedController(devices, clock=lambda: lifts[0].now, max_clients=max_clients)
+        server = SimulatedController(devices, clock=lambda: lifts[0].now, limits=limits)
         await server.start()
         plant = Plant(server, lifts)
         try:
@@ -424,7 +425,38 @@ def test_a_device_has_so_many_slots_and_a_connection_more_is_reset() -> None:
         await first.close()
         await plant.until_let_in()
 
-    with_plant(check, generic(), max_clients=2)
+    with_plant(check, generic(), limits=ClientLimits(most=2))
+
+
+def test_a_request_that_comes_too_soon_after_an_answer_is_lost_and_each_client_has_a_pace_of_its_own() -> None:
+    async def check(plant: Plant) -> None:
+        (lift,) = plant.lifts
+        line = await plant.inside()
+        lift.now += 0.09
+        line.writer.write(bytes.fromhex("00 02 00 00 00 06" + READ))
+        await plant.inside()
+        lift.now += 0.02
+        line.writer.write(bytes.fromhex("00 03 00 00 00 06" + READ))
+        async with asyncio.timeout(WITHIN_S):
+            answer = await line.reader.readexactly(11)
+        assert answer[:2] == bytes.fromhex("00 03"), "the request before it has no answer"
+
+    with_plant(check, generic(), limits=ClientLimits(min_gap_s=0.1))
+
+
+def test_a_connection_without_a_request_is_closed_and_each_request_keeps_it_open() -> None:
+    async def check(plant: Plant) -> None:
+        now = asyncio.get_running_loop().time
+        line = await plant.inside()
+        asked_at = now()
+        until = asked_at + 1.3 * IDLE_S
+        while now() < until and not line.reader.at_eof():
+            asked_at = now()
+            assert await line.says(READ) == "01 03 02 00 01"
+        assert not await line.was_reset()
+        assert now() - asked_at >= 0.9 * IDLE_S
+
+    with_plant(check, generic(), limits=ClientLimits(idle_timeout_s=IDLE_S))
 
 
 def test_a_client_that_is_sent_away_because_it_speaks_no_modbus_frees_its_slot() -> None:
@@ -435,7 +467,7 @@ def test_a_client_that_is_sent_away_because_it_speaks_no_modbus_frees_its_slot()
             assert not await line.was_reset()
         begun(plant.lifts[0], PowerLoss())
 
-    with_plant(check, generic(), max_clients=1)
+    with_plant(check, generic(), limits=ClientLimits(most=1))
 
 
 @pytest.mark.parametrize("by_reset", [True, False])
@@ -449,7 +481,7 @@ def test_a_connection_that_ends_keeps_its_slot_while_the_fault_lasts(*, by_reset
         ended(lift, SlotKept())
         await plant.inside()
 
-    with_plant(check, generic(), max_clients=2)
+    with_plant(check, generic(), limits=ClientLimits(most=2))
 
 
 def test_without_a_number_of_slots_nobody_new_is_let_in_while_one_is_kept() -> None:
@@ -476,7 +508,7 @@ def test_a_restart_frees_the_slots() -> None:
         ended(begun(lift, Reboot()), Reboot())
         await plant.inside()
 
-    with_plant(check, generic(), max_clients=1)
+    with_plant(check, generic(), limits=ClientLimits(most=1))
 
 
 def test_a_controller_in_stop_answers_and_does_nothing() -> None:

@@ -154,7 +154,8 @@ def _habits(facts: ConnectionFacts) -> Iterator[Finding]:
             Severity.WARNING,
             "drops-idle",
             f"it ends the connection after {PAUSE_S:g} s without a request",
-            f"Raise the idle limit in the controller's settings; until then keep `poll_s` well below {PAUSE_S:g}",
+            f"Raise the idle limit in the controller's settings, or write it as `idle_timeout_s` for this controller; until then keep"
+            f" `poll_s` well below {PAUSE_S:g}",
         )
     if any(answer.is_answer and not answer.echoes_tid for answer in _polled(facts)):
         severity = Severity.ERROR if facts.controller.link.tid_echo else Severity.NOTE

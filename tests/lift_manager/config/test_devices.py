@@ -135,8 +135,12 @@ def test_an_offset_moves_the_controllers_own_points_and_not_those_of_an_endpoint
 
 
 def test_the_strictest_of_several_maps_satisfies_each_of_them() -> None:
-    one = LinkDefaults(timeout_s=0.3, min_gap_s=0.1, min_poll_s=1, max_connections=4, max_registers_per_read=60)
-    other = LinkDefaults(timeout_s=0.8, reconnect_min_s=5, max_bits_per_read=16, max_connections=1, tid_echo=False)
+    one = LinkDefaults(
+        timeout_s=0.3, min_gap_s=0.1, min_poll_s=1, max_connections=4, idle_timeout_s=9, max_registers_per_read=60
+    )
+    other = LinkDefaults(
+        idle_timeout_s=5, timeout_s=0.8, reconnect_min_s=5, max_bits_per_read=16, max_connections=1, tid_echo=False
+    )
     both = strictest_needs([one, other])
     assert both == strictest_needs([other, one])
     assert both == LinkDefaults(
@@ -145,6 +149,7 @@ def test_the_strictest_of_several_maps_satisfies_each_of_them() -> None:
         min_poll_s=1,
         reconnect_min_s=5,
         max_connections=1,
+        idle_timeout_s=5,
         max_registers_per_read=60,
         max_bits_per_read=16,
         tid_echo=False,

@@ -500,6 +500,30 @@ def test_a_limit_that_leaves_robots_no_time_before_open_is_withdrawn_is_refused_
     load(tmp_path, site, ("    access: control\n", line.replace(str(least_s - 1), str(least_s))))
 
 
+@each_row(
+    ("keys", "idle_s", "cure"),
+    [
+        ("", 0.7, "set `poll_s` below 0.2"),
+        ("    poll_s: 0.4\n", 0.9, "set `poll_s` below 0.4"),
+        ("", 0.5, "give the controller a shorter `timeout_s`"),
+    ],
+)
+def test_a_controller_that_closes_a_connection_between_two_polls_is_refused_with_its_cure(
+    tmp_path: Path, keys: str, idle_s: float, cure: str
+) -> None:
+    polled = ("    access: control\n", f"    access: control\n{keys}")
+    (one,) = findings(tmp_path, GENERIC, polled, ("port: 502,", f"port: 502, idle_timeout_s: {idle_s:g},"))
+    for text in ("lifts.main", "poll_s", f"after {idle_s:g} s (idle_timeout_s)", cure):
+        assert text in str(one)
+    load(tmp_path, GENERIC, polled, ("port: 502,", f"port: 502, idle_timeout_s: {idle_s + 0.3:g},"))
+
+
+def test_one_lift_that_is_polled_often_enough_keeps_a_shared_connection(tmp_path: Path) -> None:
+    silent = ("port: 502,", "port: 502, idle_timeout_s: 0.9,")
+    slow = edited(SECOND_LIFT, ("controller: plc", "controller: plc\n    offset: {holding: 100}\n    poll_s: 0.45"))
+    load(tmp_path, GENERIC + slow, silent)
+
+
 LETS_GO = "    override: {commands: {hold_door.front: {released_after_s: 29}}}\n"
 
 
