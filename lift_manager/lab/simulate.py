@@ -90,9 +90,7 @@ def _describe(console: Console, codec: Codec, floors: Mapping[str, int], where: 
     if blind := blind_spots(codec):
         lift = f"There is a lift behind these registers, but they do not show {' or '.join(blind)}"
         console.print(f"{lift}: its outputs can be written and read back, but their effect cannot be seen.")
-    for line in _limits(source.link):
-        console.print(line)
-    for line in tryout.lines(codec, floors, where):
+    for line in (*_limits(source.link), *tryout.lines(codec, floors, where)):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
