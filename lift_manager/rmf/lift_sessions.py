@@ -176,7 +176,7 @@ class LiftSessions:
             return Disposition.BEGUN
         self._requested_at, self.human_mode = now, request.request_type == HUMAN_MODE
         if demand == self.demand:
-            self._repeat_demand(now)
+            self._repeat_demand(now, replay=replay)
             return Disposition.REPEATED
         self._set_demand(demand, now, replay=replay)
         return Disposition.UPDATED
@@ -288,10 +288,12 @@ class LiftSessions:
         if not replay:
             self._revoked_session = ""
 
-    def _repeat_demand(self, now: float) -> None:
-        """Mark an accepted demand to be sent again, if it is time."""
+    def _repeat_demand(self, now: float, *, replay: bool) -> None:
+        """Mark an accepted demand to be sent again, if it is time. In a replay another floor may come behind it."""
         if self.demand is None or self._accepted != self.demand:
             return
+        if replay:
+            self._send_demand_from = now + REPLAY_SETTLE_S
         again_s = RENEW_S if self._is_fulfilled(self.demand) else REPEAT_S
         self._resend_due = now - self._accepted_at >= again_s
 

@@ -200,6 +200,18 @@ def test_only_the_last_floor_of_a_replay_is_told_and_its_ends_count_in_order() -
     assert lift.state.session_id == A
 
 
+def test_a_floor_that_is_said_again_within_a_replay_is_not_told_again_before_its_last_floor_is_known() -> None:
+    """A supervisor that was restarted replays what its robot wanted before: a call to that floor would carry the robot away."""
+    lift = bench()
+    lift.receive(wants(A, "Level 2"))
+    lift.elapse(REPEAT_S)
+    lift.adapter.on_request_writer(lift.now)
+    for level in ("Level 2", "Level 2", "Level 3"):
+        lift.receive(wants(A, level))
+    lift.elapse(1)
+    assert lift.demands() == [(A, "L2"), (A, "L3")]
+
+
 def test_a_replay_that_ends_with_another_session_gives_the_lift_to_that() -> None:
     lift = riding()
     lift.adapter.on_request_writer(lift.now)
