@@ -65,13 +65,13 @@ class LocalManager:
     def _answer(self, request: ManagerRequest) -> Answer:
         site, holder = self._site, rmf_holder(request.session, request.adapter)
         try:
-            if isinstance(request, EndOfSession):
-                site.end_session(request.lift, holder, request.grace_s)
-            else:
-                site.request(request.lift, holder, request.floor, hold_door=request.hold_door, stays=True)
+            with site.numbering(request.lift):
+                if isinstance(request, EndOfSession):
+                    site.end_session(request.lift, holder, request.grace_s)
+                else:
+                    site.request(request.lift, holder, request.floor, hold_door=request.hold_door, stays=True)
         except RequestRefused as refused:
             return Answer(request, accepted=False, code=refused.code, reason=refused.message)
-        site.freshen(request.lift)
         return Answer(request, accepted=True, boot=site.boot, event=site.newest)
 
     def _on_event(self, occurrence: Occurrence) -> None:

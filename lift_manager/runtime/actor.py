@@ -123,8 +123,8 @@ class LiftActor:
         self.begin()
         self.inbox.take_all()
         self._take_trouble()
-        if isinstance(happened, Request):
-            self.freshen()  # what is decided has a later number than every state before it
+        if isinstance(happened, Request) and self._bus.received:
+            self.freshen()  # whoever listens hears of the state before what is decided
         return self._take(happened)
 
     def take_reading(self, reading: LiftReading) -> None:

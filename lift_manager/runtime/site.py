@@ -275,13 +275,23 @@ class Site:
 
     @property
     def newest(self) -> int:
-        """The number of the newest event; 0 before the first. Right after a request it is that of the newest event of its own."""
+        """The number of the newest event; 0 before the first. `numbering` makes it that of a decision."""
         return self._bus.newest
 
     def freshen(self, lift: str | None = None) -> None:
         """Publish what of a state has changed and is not published yet: after it that of this lift, or every one, is as its newest event tells."""
         for name in self._lifts if lift is None else (lift,):
             self._lift(name).freshen()
+
+    @contextmanager
+    def numbering(self, lift: str) -> Iterator[None]:
+        """Give what is decided within the context a later number than every state before it, whether or not anybody listens.
+
+        Afterwards `newest` is that of the state that it led to.
+        """
+        self.freshen(lift)
+        yield
+        self.freshen(lift)
 
     @contextmanager
     def tap(self, receive: Callable[[Occurrence], None]) -> Iterator[None]:

@@ -71,9 +71,9 @@ async def request_lift(
 ) -> RmfAccepted:
     """The first request opens the session. Accepted does not mean arrived: the state of the site shows the progress."""
     holder = rmf_holder(body.session_id, body.adapter)
-    with naming_field({Refusal.UNKNOWN_FLOOR: "floor"}):
+    with naming_field({Refusal.UNKNOWN_FLOOR: "floor"}), site.numbering(lift):
         site.request(lift, holder, body.floor, hold_door=body.hold_door, stays=True)
-    return _accepted(site, lift)
+    return _accepted(site)
 
 
 @router.post(
@@ -89,10 +89,10 @@ async def ended(
     body: Annotated[RmfEndedRequest, in_body({"END_SESSION": {"session_id": "fleet/amr-7", "grace_s": 3.0}})],
 ) -> RmfAccepted:
     """Also accepted for a session that is over already."""
-    site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s)
-    return _accepted(site, lift)
+    with site.numbering(lift):
+        site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s)
+    return _accepted(site)
 
 
-def _accepted(site: Site, lift: str) -> RmfAccepted:
-    site.freshen(lift)
+def _accepted(site: Site) -> RmfAccepted:
     return RmfAccepted(boot=site.boot, event=site.newest)

@@ -22,8 +22,15 @@ def unheard(check: Callable[[Bench], Awaitable[None]]) -> None:
 
 def wanted(made: Bench, floor: str, *, hold: bool = True) -> int:
     """The number of the answer to a request, as the ways to RMF give it."""
-    wants(made, floor, hold=hold)
-    made.site.freshen()
+    with made.site.numbering("lift"):
+        wants(made, floor, hold=hold)
+    return made.site.newest
+
+
+def ended(made: Bench, grace_s: float = 3.0) -> int:
+    """The same of an end."""
+    with made.site.numbering("lift"):
+        ends(made, grace_s)
     return made.site.newest
 
 
@@ -51,9 +58,7 @@ def test_a_poll_numbers_nothing_that_nobody_hears() -> None:
 def test_an_end_has_a_number_of_its_own_though_nobody_listens(grace_s: float) -> None:
     async def check(made: Bench) -> None:
         before = wanted(made, "L1")
-        ends(made, grace_s)
-        made.site.freshen()
-        assert made.site.newest > before
+        assert ended(made, grace_s) > before
 
     unheard(check)
 
@@ -86,13 +91,9 @@ def test_a_state_of_before_a_decision_is_told_from_the_one_after_though_that_was
 def test_an_end_that_was_taken_back_and_said_again_has_another_number() -> None:
     async def check(made: Bench) -> None:
         wanted(made, "L1")
-        ends(made)
-        made.site.freshen()
-        first = made.site.newest
-        wants(made, "L1")
+        first = ended(made)
+        wanted(made, "L1")
         assert not made.state.ending
-        ends(made)
-        made.site.freshen()
-        assert made.site.newest > first
+        assert ended(made) > first
 
     unheard(check)

@@ -1,8 +1,8 @@
 """A site for the tests of the web face, and ways to request something of the application."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, cast
@@ -258,6 +258,12 @@ class FakeSite(Site):
 
     def freshen(self, lift: str | None = None) -> None:
         """Every state is as it was published."""
+
+    @contextmanager
+    def numbering(self, lift: str) -> Iterator[None]:
+        self.freshen(lift)
+        yield
+        self.freshen(lift)
 
     def happens(self, event: Event) -> None:
         """Let everybody who listens hear of it."""

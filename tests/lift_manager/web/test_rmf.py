@@ -203,8 +203,8 @@ class Deciding(FakeSite):
 
 def test_the_event_of_an_answer_is_the_newest_after_the_decision() -> None:
     site = Deciding()
-    assert post(site, "ended", json=ENDED).json()["event"] == 2
-    assert told(site).event == 2
+    assert post(site, "ended", json=ENDED).json()["event"] == 3
+    assert told(site).event == 3
 
 
 def test_an_unknown_floor_names_the_key_that_is_to_blame() -> None:
