@@ -19,7 +19,7 @@ ABOUT = ("SECURITY.md", "CHANGELOG.md")
 LINK = re.compile(r"\[([^\]]*)\]\(([^)\s#]+)[^)\s]*\)")
 """Text and target. A target with a scheme is none of ours."""
 GROUP = re.compile(r"^\| \*\*(.+?)\*\* \|", re.MULTILINE)
-SHIM = "https://unpkg.com/iframe-worker/shim"
+SHIM = re.compile(r"https://[^\"']*/iframe-worker/shim")
 """What the search needs where a browser opens the site as files; the generator has it fetched, we bring it along."""
 OWN_SHIM = Path("assets/iframe-worker.js")
 Entry = tuple[str, str]
@@ -118,7 +118,7 @@ def build(site: Path) -> int:
         subprocess.run(command, cwd=folder, check=True)  # noqa: S603  our own arguments
         for html in (folder / "site").rglob("*.html"):
             up = "../" * (len(html.relative_to(folder / "site").parts) - 1)
-            html.write_text(html.read_text("utf-8").replace(SHIM, f"{up}{OWN_SHIM}"), "utf-8")
+            html.write_text(SHIM.sub(f"{up}{OWN_SHIM}", html.read_text("utf-8")), "utf-8")
         shutil.copy(ROOT / "docs" / "site" / "iframe-worker" / "index.js", folder / "site" / OWN_SHIM)
         if site.exists():
             shutil.rmtree(site)
