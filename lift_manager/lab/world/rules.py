@@ -470,7 +470,7 @@ def _track_holds(at: float, notes: _LiftNotes, truth: Truth) -> None:
     if not notes.about.holds <= truth.commands:
         if not math.isinf(notes.pressed_since):
             # cleared before the drive obeyed it: nobody can know this sooner than of a hold that it obeyed
-            notes.fell_at = at
+            notes.fell_at, notes.fell_by_us = at, False
         notes.pressed_since = math.inf
     elif math.isinf(notes.pressed_since):
         notes.pressed_since = at

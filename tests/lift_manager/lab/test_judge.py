@@ -324,6 +324,20 @@ def test_a_hold_that_we_released_is_missed_at_once() -> None:
     assert said_open(0.5, ours=True) == ["said open and not held"]
 
 
+def test_a_hold_that_somebody_clears_before_the_drive_obeys_it_did_not_fall_by_our_release_of_long_ago() -> None:
+    oracle = judge(holds=FRONT)
+    rules = Rules(oracle)
+    rules.on_truth(1.0, "lift", HELD)
+    rules.on_truth(3.0, "lift", STANDS_OPEN)
+    rules.on_exchange(3.0, "plc", replace(failed_write(3.0), executed=True, answers=((3.0, b"ok"),)))
+    rules.on_truth(9.0, "lift", replace(HELD, fallen=FRONT))
+    rules.on_truth(9.1, "lift", STANDS_OPEN)
+    rules.on_state(10.0, "lift", state())
+    assert found(oracle) == []
+    rules.on_state(12.0, "lift", state())
+    assert found(oracle) == ["said open and not held"]
+
+
 def test_an_invitation_on_a_reading_from_before_the_hold_is_found() -> None:
     oracle = judge(holds=FRONT)
     rules = Rules(oracle)
