@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from http.cookiejar import DefaultCookiePolicy
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -168,6 +169,8 @@ def campaign(*, seconds: float, first_seed: int, examples: int) -> Found:
     load_all_checks()
     found = Found()
     with managers() as (callers, programs, folder), requests.Session() as session:
+        # the callers share its connections, and a login of one must not become that of the others
+        session.cookies.set_policy(DefaultCookiePolicy(allowed_domains=[]))
         session.trust_env = False
         document = httpx.get(f"{callers[0].url}/openapi.json", trust_env=False).json()
         asking = Asking(found, callers, session)
