@@ -136,6 +136,8 @@ class _WatchedLift:
 
     about: LiftUnderTest
     history: History = field(default_factory=History)
+    restarted_at: float = -math.inf
+    """When the manager was last restarted."""
     mode_since: float = -math.inf
     bars_since: float = math.inf
     on_since: dict[tuple[str, int], float] = field(default_factory=dict)
@@ -312,6 +314,7 @@ class Oracle:
         """Record which findings the fault excuses, and until when."""
         for lift, watched in self._lifts.items():
             if change.fault == RESTART:
+                watched.restarted_at = at
                 watched.unrequested.clear()  # nothing could be released while the manager was down
             if isinstance(change.fault, ForgottenRecords) and lift in change.fault.lifts:
                 watched.forgotten.update(watched.requests)
@@ -661,13 +664,17 @@ def _false_claims(
 def _is_car_hidden(watched: _WatchedLift, at: float) -> bool:
     """Whether nothing that is read shows where the car is, or that it stands.
 
-    Registers that stand still show a car that moved when they came to a stand as moving.
+    Registers that stand still show a car that moved when they came to a stand as moving. A manager that was started since has not
+    seen their heartbeat beat, and believes nothing else that they show.
     """
     return any(
         fault.name == "frozen_heartbeat"
         or (
             fault.name in FROZEN_FAULTS
-            and not all(truth.standing for truth in watched.history.during(fault.since, fault.since))
+            and (
+                not all(truth.standing for truth in watched.history.during(fault.since, fault.since))
+                or (watched.about.shows.beats_within_s is not None and watched.restarted_at >= fault.since)
+            )
         )
         for fault in watched.faults
         if at <= fault.ended_at

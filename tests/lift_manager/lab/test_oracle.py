@@ -8,7 +8,7 @@ from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lab.world.lift_under_test import Excuse, LiftUnderTest, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
+from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lift.events import CommandEnded, HandedOver
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
@@ -402,17 +402,23 @@ def test_a_hold_may_last_at_another_floor_only_where_nothing_shows_the_car(hidde
 
 
 def test_robot_mode_may_last_while_frozen_registers_show_a_car_that_moves_and_not_one_that_stands() -> None:
-    def kept_on(frozen_at: Truth) -> set[str]:
-        oracle = judge(excuses={"frozen_registers": Excuse(frozenset({SuspectValues.OUTPUT}), 4.0)})
+    def kept_on(frozen_at: Truth, *, restarted: bool = False, beats_within_s: float | None = 3.0) -> set[str]:
+        excuses = {"frozen_registers": Excuse(frozenset({SuspectValues.OUTPUT}), 4.0)}
+        oracle = judge(excuses=excuses, shows=MapEvidence(beats_within_s=beats_within_s))
         given = (("robot_mode", 1),)
         polled(oracle, 2.0, replace(frozen_at, given=given))
         oracle.on_fault(2.0, FaultChange("lift", FrozenRegisters(), began=True))
-        oracle.on_state(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
+        if restarted:
+            oracle.on_fault(2.1, FaultChange("manager", RESTART, began=True))
+        oracle.on_state(2.2, "lift", state(holder=None, quality=Quality.OFFLINE))
         polled(oracle, 25.0, replace(STANDS_OPEN, given=given), since=2.2)
         return set(rules(oracle))
 
     assert kept_on(DRIVES) == set()
     assert kept_on(STANDS_OPEN) == {"output on too long"}
+    # a manager that has never seen the heartbeat beat believes nothing else either
+    assert kept_on(STANDS_OPEN, restarted=True) == set()
+    assert kept_on(STANDS_OPEN, restarted=True, beats_within_s=None) == {"output on too long"}
 
 
 def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None:
