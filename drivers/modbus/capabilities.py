@@ -93,6 +93,9 @@ def _is_open_contact(codec: Codec, name: str) -> bool:
 
 
 def _hash(codec: Codec) -> str:
-    """Return a hash of the map's content and of this lift's addresses on the wire."""
+    """Return a hash of the map's content and of this lift's addresses on the wire.
+
+    What a map leaves to its defaults does not count: a key that a later version knows must not make every map another one.
+    """
     places = [signal.points for signal in codec.signals.values()]
-    return sha256(f"{codec.map.model_dump_json()}{places}".encode()).hexdigest()
+    return sha256(f"{codec.map.model_dump_json(exclude_defaults=True)}{places}".encode()).hexdigest()

@@ -1,17 +1,42 @@
 """From points to block reads, and from decoded signals to one lift's words."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.plan import PlanError, plan_poll, plan_reads, polled_points
 from drivers.modbus.reading import lift_mode, lift_values
-from register_maps.codec import Block, Point
+from register_maps.codec import Block, Point, compile_map
+from register_maps.load import MapChanges, load
+from register_maps.schema import RegisterMap
 from register_maps.words import Door, Mode, Motion, Side, Table
 from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 
 SERVED: dict[str, tuple[range, ...]] = {Table.HOLDING: (range(40), range(100, 140)), Table.DISCRETE: (range(16),)}
+
+
+class LaterMap(RegisterMap):
+    """A map as a later version of the language knows it."""
+
+    new_key: float = 5.0
+
+
+def map_hash(changes: Mapping[str, Any], form: type[RegisterMap] = RegisterMap) -> str:
+    loaded = load("generic-registers", changes=MapChanges({}, changes)).map
+    codec = compile_map(form.model_construct(**{name: getattr(loaded, name) for name in RegisterMap.model_fields}))
+    return capabilities(codec, (), LiftSettings(name="lift", floors={"L1": 1, "L2": 2})).map_hash
+
+
+def test_the_hash_of_a_map_changes_with_what_it_says_and_not_with_a_key_of_a_later_version() -> None:
+    said = map_hash({})
+    assert map_hash({}, LaterMap) == said
+    assert map_hash({"commands": {"hold_door.front": {"press": 2}}}) != said
+    assert map_hash({"signals": {"level": {"at": "holding:5.7"}}}) != said
 
 
 def points(*addresses: int, table: Table = Table.HOLDING) -> list[Point]:
