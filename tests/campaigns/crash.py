@@ -38,8 +38,6 @@ QUIET_S = 0.6
 """How long nothing is asked after a restart, so that what the restart itself does shows."""
 CLEAR_S = 10.0
 """So long a restart keeps a door for a robot that may have been invited. Chosen: the default of a site file."""
-WATCHDOG_S = 2.5
-"""A watched controller lets go by itself 3 s after the last write; a hold that fell in a longer gap was not dropped by the manager."""
 
 
 class Unexpected(Exception):
@@ -103,8 +101,6 @@ class Victim:
         self._judged = 0
         """Writes that were compared with the journal."""
         self._lives = 0
-        self._killed_at = 0.0
-        """When the manager can have written for the last time."""
 
     @property
     def _journal(self) -> Path:
@@ -114,29 +110,25 @@ class Victim:
     def live_and_die(self) -> None:
         """Start the manager, look at what the start did, ask for things, and kill it somewhere in between."""
         self._lives += 1
-        before = self._lift.truth
-        seen = len(self._lift.writes)
+        (*_, (since, before)), seen = self._lift.history, len(self._lift.writes)
         with self._process() as program:
             if self._random.random() < 0.15:
                 self._tally.in_startup += 1
                 threading.Event().wait(self._random.uniform(0.0, 1.2))
-                self._kill(program)
+                program.end()
                 self._after_kill()
                 return
             port = int(program.says(r"127\.0\.0\.1:(\d+)/docs")[1])
             with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=2.0, trust_env=False) as http:
                 eventually(lambda: self._state_of(http), STARTS_WITHIN_S)
                 threading.Event().wait(QUIET_S)
-                self._judge_restart(before.given, seen, quick=time.monotonic() - self._killed_at < WATCHDOG_S)
-                killer = threading.Timer(self._random.uniform(0.0, self._lives_s), self._kill, (program,))
+                fallen = {name for at, truth in self._lift.history if at >= since for name in truth.fallen}
+                self._judge_restart(before.given, seen, fallen)
+                killer = threading.Timer(self._random.uniform(0.0, self._lives_s), program.end)
                 killer.start()
                 self._ask_until_killed(http, killer)
                 killer.join()
         self._after_kill()
-
-    def _kill(self, program: Program) -> None:
-        self._killed_at = time.monotonic()
-        program.end()
 
     def _after_kill(self) -> None:
         self._tally.kills += 1
@@ -197,8 +189,11 @@ class Victim:
         wish = self._wish
         return wish.certain and wish.held and any(write.on for write in self._lift.writes[wish.since :])
 
-    def _judge_restart(self, given: tuple[tuple[str, int], ...], seen: int, *, quick: bool) -> None:
-        """Nothing was asked since the kill: nothing may be pressed, and what the session wants stays on."""
+    def _judge_restart(self, given: tuple[tuple[str, int], ...], seen: int, fallen: set[str]) -> None:
+        """Nothing was asked since the kill: nothing may be pressed, and what the session wants stays on.
+
+        What has `fallen`, the controller let go of by itself: it waits for 3 s after the last write.
+        """
         since = self._lift.writes[seen:]
         for write in since:
             if write.on:
@@ -209,10 +204,10 @@ class Victim:
             self._finding(f"the session to {self._wish.floor} was not taken up after the restart")
             return
         self._tally.restored += 1
-        if not quick and self._plan.map.map.name in WATCHED:
+        held = {name for name, _ in given if name.startswith("hold_door") or name == "robot_mode"}
+        if held & fallen and self._plan.map.map.name in WATCHED:
             self._tally.gaps += 1
             return
-        held = {name for name, _ in given if name.startswith("hold_door") or name == "robot_mode"}
         for write in since:
             if not write.on and write.command in held:
                 self._finding(f"the restart let go of {write.command} of a session that goes on: {since}")
