@@ -68,7 +68,8 @@ class Draft:
         self.actions.append(
             Press(press, command, self.now + LEAVE_WITHIN_S, None if session is None else session.holder)
         )
-        pending = PendingPress(press, command, record.sequence + 1)
+        number = None if session is None else session.number
+        pending = PendingPress(press, command, record.sequence + 1, number)
         self.change(presses=(*record.presses, pending), presses_made=press)
         return press
 

@@ -56,19 +56,22 @@ def blocked_by(
 
     It is asked for every output that a write asserts, with nothing awaited between the answer and the write.
     """
-    session, is_press = record.session, press_id is not None
-    if is_press and all(pending.id != press_id for pending in record.presses):
+    session = record.session
+    pending = next((one for one in record.presses if one.id == press_id), None)
+    if press_id is not None and pending is None:
         return "nobody requests it any more"
     if command.kind is CommandKind.ROBOT_LEFT:
         return why_no_robot_left(config, record, moment)
-    if is_press and session is not None and session.end is not None:
-        end = session.end
-        return f"the session is over: {end.text}" if end.is_announced else f"{session.holder} has ended its session"
+    if pending is not None and session is not None:
+        if pending.session != session.number:
+            return "the session that requested it has ended"
+        if (end := session.end) is not None:
+            return f"the session is over: {end.text}" if end.is_announced else f"{session.holder} has ended its session"
     if command.kind is CommandKind.ROBOT_MODE:
         return why_no_robot_mode(config, record, moment)
     if session is None:
         # what stays on after a session until the lift knows that the robot left
-        owed = record.robot_left.is_pending and not is_press
+        owed = record.robot_left.is_pending and pending is None
         return why_no_robot_left(config, record, moment) if owed else "the session has ended"
     why_not = why_no_press(config, record, moment)
     if command.kind is CommandKind.CLOSE_DOOR and why_not is None:

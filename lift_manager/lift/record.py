@@ -171,6 +171,8 @@ class PendingPress:
     command: Command
     sequence: int
     """The step that made it: it leaves once that is on the disk."""
+    session: int | None
+    """The number of the session that it is for; None for the word of a robot that left after its session."""
 
 
 @dataclass(frozen=True, slots=True)

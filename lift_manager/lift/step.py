@@ -289,8 +289,10 @@ def _note_door_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> L
 def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
     """Take what became of a press."""
     record, session = draft.record, draft.session
+    of = next((pending.session for pending in record.presses if pending.id == press), None)
     draft.change(presses=tuple(pending for pending in record.presses if pending.id != press))
-    draft.emit(CommandEnded(draft.config.name, outcome, None if session is None else session.holder))
+    holder = session.holder if session is not None and of in (None, session.number) else None
+    draft.emit(CommandEnded(draft.config.name, outcome, holder))
     name = outcome.command.name
     stays_on = outcome.result is Result.CONFIRMED and name in draft.config.capabilities.held_commands
     if stays_on and not draft.record.is_given(outcome.command):

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from lift_manager.lift.events import RestrictionKind
+from drivers.model import Result
+from lift_manager.lift.events import CommandEnded, RestrictionKind
 from lift_manager.lift.inhibits import blocked_by
 from lift_manager.lift.inputs import (
     Acknowledge,
@@ -16,6 +17,7 @@ from lift_manager.lift.inputs import (
     Unrestrict,
 )
 from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.refusals import Refused
 from register_maps.words import Door, Mode
 from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, ROBOT, PaperLift, command
@@ -86,6 +88,25 @@ def test_a_press_that_has_not_left_is_asked_about_once_more(does: Does, why: str
     assert not blocked(lift, "go_to", press)
     does(lift)
     assert why in blocked(lift, "go_to", press)
+
+
+def test_a_press_of_a_session_that_is_over_is_none_of_the_next_one() -> None:
+    lift = PaperLift(HANDSHAKE)
+    lift.called_to("L2")
+    lift.accept("L2", robot=RobotWord.IN_PLACE)
+    lift.answer()
+    lift.commits = False
+    lift.accept("L3", robot=RobotWord.IN_PLACE)
+    go = lift.pressed[0]
+    assert go.command == command("go", "L3")
+    assert not blocked(lift, "go", go.id)
+    lift.accept("L3", hold=False, robot=RobotWord.LEFT)
+    assert "has ended" in blocked(lift, "go", go.id)
+    lift.accept("L1", holder=OTHER)
+    assert "has ended" in blocked(lift, "go", go.id)
+    lift.answer(Result.REJECTED, "the session that requested it has ended")
+    ended = {event.outcome.command: event.holder for event in lift.events if isinstance(event, CommandEnded)}
+    assert ended[go.command] is None, "the next holder has requested nothing of the kind"
 
 
 def test_a_hold_is_refreshed_until_an_announced_end_although_the_lift_is_locked_out() -> None:
