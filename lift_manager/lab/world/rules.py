@@ -98,6 +98,8 @@ class _LiftNotes:
     """When each call was last pressed for the current request."""
     standing_calls: dict[tuple[str, int], float] = field(default_factory=dict)
     """Calls that were pressed for the session, across restarts, until the car has arrived or the call is known to have failed."""
+    cleared_at: dict[tuple[str, int], float] = field(default_factory=dict)
+    """When somebody else last cleared a call that stays on until its end."""
     held_since: float = math.inf
     """Since when every door hold of the map has been on and obeyed; infinity if one is not."""
     pressed_since: float = math.inf
@@ -147,6 +149,11 @@ class Rules:
         _track_holds(at, notes, truth)
         if before is not None and before.given != truth.given:
             notes.off_at |= dict.fromkeys(before.commands - truth.commands, at)
+            notes.cleared_at |= {
+                (name, value): at
+                for name, value in set(before.given) - set(truth.given)
+                if name not in notes.about.pulses_s and self._oracle.is_foreign_write(lift, name, at)
+            }
         if truth.robot_mode:
             notes.robot_mode_at = at
         dropped = before is not None and before.robot_mode and "robot_mode" in before.commands - truth.commands
@@ -445,7 +452,11 @@ class Rules:
                     "pressed again after a restart",
                 )
                 # frozen registers do not show the call, and the manager presses a call again that nothing shows
-                if (blinded := self._oracle.was_misled(lift, notes.restarted_at, FROZEN_FAULTS)) is not None:
+                blinded = self._oracle.was_misled(lift, notes.restarted_at, FROZEN_FAULTS)
+                # all that is left of a held call after a restart is its output, and here it was cleared
+                if blinded is None and notes.cleared_at.get(key, -math.inf) > notes.standing_calls[key]:
+                    blinded = "foreign_writer"
+                if blinded is not None:
                     self._oracle.excuse_finding(lift, rule, blinded)
                 else:
                     self._report_own_press(at, lift, rule, text, name)

@@ -26,7 +26,7 @@ from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason, Holder
 from lift_manager.lift.state import LiftState
 from register_maps.words import Mode
-from simulator.faults import Fault, FrozenRegisters, PowerLoss, Stopped
+from simulator.faults import Fault, ForeignWriter, FrozenRegisters, PowerLoss, Stopped
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, judge, polled, state
 
 OTHER = Holder("fleet", "r2")
@@ -296,6 +296,34 @@ def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | 
     rules.on_press(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == findings
     assert bool(oracle.excused) is isinstance(fault, Stopped)
+
+
+@pytest.mark.parametrize(
+    ("stranger", "findings"),
+    [("go_to", []), ("hold_door.front", ["pressed again after a restart"])],
+    ids=["cleared by somebody else", "who writes another output"],
+)
+def test_a_held_call_that_somebody_cleared_before_a_restart_may_be_pressed_again(
+    stranger: str, findings: list[str]
+) -> None:
+    oracle, rules = book()
+    called = replace(SHUT, calls=frozenset({"L1"}), given=(("go_to", 0),))
+    cleared = replace(called, given=())
+    rules.on_request(1.0, request(), None)
+    rules.on_truth(1.1, "lift", called)
+    rules.on_press(1.1, "lift", frozenset({"go_to"}))
+    writer = FaultChange("lift", ForeignWriter(stranger, pressed=False), began=True)
+    for witness in (oracle, rules):
+        witness.on_fault(2.0, writer)
+    rules.on_truth(2.1, "lift", cleared)
+    for witness in (oracle, rules):
+        witness.on_fault(2.5, replace(writer, began=False))
+    rules.on_fault(30.0, FaultChange("manager", RESTART, began=True))
+    rules.on_request(31.0, request(), None)
+    rules.on_truth(31.1, "lift", called)
+    rules.on_press(31.1, "lift", frozenset({"go_to"}))
+    assert found(oracle) == findings
+    assert bool(oracle.excused) is not bool(findings)
 
 
 def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the_car_stands() -> None:
