@@ -41,9 +41,11 @@ UNDER_CI = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # a shell has what it starts in the background ignore Ctrl-C, and so would every program that a test starts
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    # a shell has what it starts in the background ignore Ctrl-C, and nohup the end of the terminal; so would every program that
+    # a test starts
+    for number, default in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, default)
     config.stash[DESELECTED] = {}
     gc.disable()  # a third of the time of collecting is spent on looking for garbage among modules and tests, which stay
 

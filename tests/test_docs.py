@@ -8,12 +8,32 @@ from typing import Any
 from typer.main import get_command
 
 from lift_manager.cli.main import COMMANDS, app
-from tests.support.pages import anchors, commands, inline_code, links, pages
+from tests.support.pages import anchors, commands, inline_code, links, not_run, pages
 from tests.support.programs import ROOT
 from tests.support.rows import each_row
 
 DOCS = [page for page in pages() if page.is_relative_to(ROOT / "docs")]
 FOR_USERS = [*DOCS, ROOT / "README.md", *(ROOT / "register_maps").glob("*.md"), ROOT / "deploy" / "README.md"]
+
+
+RUN_BY = {
+    "README.md": "tests/test_readme.py",
+    "docs/how-to/checkout-report.md": "tests/test_how_to.py",
+    "docs/how-to/commissioning.md": "tests/test_how_to.py",
+    "docs/how-to/doctor.md": "tests/test_how_to.py",
+    "docs/how-to/keys-and-tls.md": "tests/test_how_to.py, and tests/external/test_stunnel.py for openssl",
+    "docs/how-to/open-rmf.md": "tests/test_readme.py",
+    "docs/how-to/people-first.md": "tests/test_how_to.py",
+    "docs/how-to/the-panel.md": "tests/test_how_to.py",
+    "docs/how-to/try-a-command.md": "tests/test_how_to.py",
+    "docs/how-to/watch-and-trace.md": "tests/test_how_to.py",
+    "docs/reference/commands.md": "tests/test_how_to.py",
+    "docs/reference/journal.md": "tests/test_how_to.py",
+    "docs/tutorial/first-lift.md": "tests/test_readme.py",
+    "docs/tutorial/first-ride.md": "tests/test_readme.py",
+    "examples/building/README.md": "tests/test_building.py",
+}
+"""Pages with commands, and what runs every one of them that is not marked as `not-run`. Each of these tests takes its lines from the page."""
 
 
 def named(page: Path) -> str:
@@ -53,6 +73,17 @@ def test_every_page_of_the_documentation_is_in_its_index() -> None:
 def test_pages_link_only_inside_the_repository() -> None:
     outside = {named(page): link for page in pages() for link in links(page) if link.startswith("/")}
     assert outside == {}
+
+
+def test_every_command_of_every_page_is_run_or_says_why_not() -> None:
+    run = {named(page) for page in pages() if set(commands(page)) - set(not_run(page))}
+    assert run == set(RUN_BY)
+
+
+def test_a_reason_not_to_run_a_command_stands_for_its_block_alone(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- not-run: needs a PLC -->\n```sh\na\nb\n```\n\n```sh\nc\n```\n")
+    assert not_run(page) == {"a": "needs a PLC", "b": "needs a PLC"}
 
 
 def parsed(words: list[str]) -> Any:

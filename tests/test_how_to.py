@@ -14,7 +14,7 @@ from lift_manager.lab.bench import LiftSite
 from lift_manager.store.place import store_path
 from tests.lift_manager.commissioning.checkout.records import FAT, SAT
 from tests.support.pages import blocks, commands
-from tests.support.programs import HANGS_S, ROOT, Started, call, free_port, run
+from tests.support.programs import HANGS_S, ROOT, Started, call, eventually, free_port, run
 
 HOW_TO = ROOT / "docs" / "how-to"
 TUTORIAL = ROOT / "register_maps" / "TUTORIAL.md"
@@ -156,3 +156,37 @@ def test_the_journal_is_read_exported_and_verified(folder: Path) -> None:
         if line not in follow:
             done(line)
     assert "manager" in (folder / "rows.csv").read_text("utf-8")
+
+
+def test_a_controller_is_watched_and_traced_through_its_manager_and_without_one(folder: Path) -> None:
+    site = yaml.safe_load((folder / "site.yaml").read_text("utf-8"))
+    site["lifts"] = {"main": site["lifts"]["east"]}
+    (folder / "site.yaml").write_text(yaml.safe_dump(site), "utf-8")
+    port, here = site["controllers"]["plc"]["port"], ("--manager", f"127.0.0.1:{site['api']['port']}")
+    watch, watch_alone, changed, chosen, once, *traces = commands(HOW_TO / "watch-and-trace.md")
+    record, record_alone, *shows, replay = traces
+    with Started() as start:
+        start("simulate", "generic-registers", "--port", str(port)).says(str(port))
+        with Started() as start_manager:
+            start_manager("serve", "site.yaml", cwd=folder).says("/docs")
+            for line in (watch, chosen):
+                start_manager(*words(line), *here, cwd=folder).says("car_floor")
+            start_manager(*words(changed), *here, cwd=folder)
+            eventually((folder / "changes.csv").exists)
+            assert "car_floor" in done(once, *here)
+            done(record, *here, "--for", "1")
+        start(*words(watch_alone), cwd=folder).says("car_floor")
+    with Started() as start:
+        start("simulate", "generic-registers", "--port", str(port)).says(str(port))
+        done(record_alone, "--for", "1")
+    for line in shows:
+        assert done(line) or "--errors" in line or "--writes" in line, line
+    with Started() as start:
+        start(*words(replay), "--port", "0", cwd=folder).says("the last answers")
+
+
+def test_an_archive_for_support_is_made(folder: Path) -> None:
+    (line,) = commands(ROOT / "docs" / "reference" / "commands.md")
+    (folder / "trace.jsonl").write_text("", "utf-8")
+    assert "support.zip" in done(line)
+    assert (folder / "support.zip").stat().st_size > 0

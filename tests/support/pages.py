@@ -7,6 +7,7 @@ from pathlib import Path
 from tests.support.programs import ROOT
 
 _FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_NOT_RUN = re.compile(r"^<!-- not-run: ([^\n]+) -->\n```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _BUILT = {ROOT / "deploy" / "ros" / name for name in ("build", "install", "log")}
 
 
@@ -27,6 +28,12 @@ def commands(page: Path, start: str = "") -> list[str]:
     """Return the lines of the shell blocks that begin so, with their comments."""
     lines = [line for block in blocks(page, "sh") for line in block.splitlines() if line]
     return [line for line in lines if line.startswith(start)]
+
+
+def not_run(page: Path) -> dict[str, str]:
+    """Return the commands of the shell blocks that a comment in front of them keeps from being run, and why."""
+    marked = _NOT_RUN.findall(page.read_text("utf-8"))
+    return {line: why for why, block in marked for line in block.splitlines() if line}
 
 
 def prose(page: Path) -> str:
