@@ -33,7 +33,7 @@ class RowKind(StrEnum):
     PERSON = "person"
     """A person's word: acknowledged, locked out, took the lift from its holder."""
     KEY = "key"
-    """A key was made or revoked; never the key itself."""
+    """A key was made or revoked, or a browser logged in or out with it; never the key itself."""
     ANCHOR = "anchor"
     """Where the journal was cut: the number and hash of the last row that is gone."""
     GAP = "gap"

@@ -1,4 +1,4 @@
-"""Counts every refusal of a site, and writes down those that no lift has: a few a minute one by one, and the rest counted."""
+"""Writes down what concerns no lift, refusals and logins: a few a minute one by one, and the rest counted. Counts every refusal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lift_manager.lift.refusals import Refused
 from lift_manager.runtime.errors import raised
 
 REFUSALS = 10
-"""Refusals of one caller that have rows of their own, a minute. Chosen: as many as the log has lines for them."""
+"""Refusals of one caller, and logins of one key, that have rows of their own, a minute. Chosen: as many as the log has lines for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +76,13 @@ class RefusalLog:
         row = Row(RowKind.PERSON, f"{action} refused: {message}", short(lift), by, data)
         self._note((RowKind.PERSON, ""), code, row)
 
+    def login(self, key: str, address: str, *, ended: bool) -> None:
+        """Note that a browser logged in with a key, or out."""
+        word = "logged_out" if ended else "logged_in"
+        text = f"a browser logged {'out' if ended else 'in'}" + (f", from {address}" if address else "")
+        data: dict[str, Json] = {"done": word, "address": address}
+        self._note((RowKind.KEY, key), word, Row(RowKind.KEY, text, "", key, data), differs=True)
+
     def report(self, *, end: bool = False) -> None:
         """Write down what was counted for a minute, or at the end all of it."""
         now = asyncio.get_running_loop().time()
@@ -83,12 +90,12 @@ class RefusalLog:
             if end or limiter.is_due(now):
                 self._limiters[whose] = self._reported(whose, limiter, now)
 
-    def _note(self, whose: tuple[RowKind, str], code: str, row: Row) -> None:
+    def _note(self, whose: tuple[RowKind, str], code: str, row: Row, *, differs: bool = False) -> None:
         now = asyncio.get_running_loop().time()
         limiter, gone = get_or_add(self._limiters, whose, lambda: RowRateLimiter(REFUSALS))
         if gone is not None:
             self._reported(*gone, now)
-        limiter, is_admitted = limiter.admit((row.lift, row.caller, row.text), now)
+        limiter, is_admitted = limiter.admit((row.lift, row.caller, row.text), now, differs=differs)
         if not is_admitted:
             limiter = limiter.count(code, now)
         if is_admitted or limiter.is_due(now):
@@ -104,6 +111,7 @@ class RefusalLog:
             return limiter
         kind, caller = whose
         times, shown = sum(answers.values()), ", ".join(f"{count} {code}" for code, count in sorted(answers.items()))
-        text = f"refused {times} times more within {for_s:.0f} s: {shown}"
+        what = "logged in or out" if kind is RowKind.KEY else "refused"
+        text = f"{what} {times} times more within {for_s:.0f} s: {shown}"
         self._rows.note(Row(kind, text, "", caller, {"times": times, "answers": dict(answers)}))
         return limiter.cleared()

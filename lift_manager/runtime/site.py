@@ -266,6 +266,10 @@ class Site:
         self.refusals.count(who.lift if who.lift in self._lifts else "", who.code)
         self.refusals.turned_away(who)
 
+    def logged_in(self, key: str, address: str, *, ended: bool = False) -> None:
+        """Write down that a browser logged in with this key, or out."""
+        self.refusals.login(key, address, ended=ended)
+
     # -- what happens
 
     @property

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from lift_manager.api.logins import Login, LoginAnswer, Logins
 from lift_manager.web.authenticator import caller_key, caller_login, cookie_name
-from lift_manager.web.callers import forbid_foreign_page
+from lift_manager.web.callers import forbid_foreign_page, site_of
 from lift_manager.web.errors import RequestError
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import EVERY_CHANGE, problems
@@ -66,6 +66,7 @@ async def log_in(request: Request, response: Response) -> LoginAnswer:
         return _answer(request, None)
     logins: Logins = request.app.state.logins
     token, login = logins.begin(key)
+    site_of(request).logged_in(key.name, _address(request))
     _set_cookie(request, response, token.reveal(), logins.remaining_s(login))
     return _answer(request, login)
 
@@ -82,8 +83,13 @@ async def log_out(request: Request, response: Response) -> LoginAnswer:
     logins: Logins = request.app.state.logins
     if (login := caller_login(request)) is not None:
         logins.end(login)
+        site_of(request).logged_in(login.key.name, _address(request), ended=True)
         _set_cookie(request, response, "", 0.0)
     return LoginAnswer(key=None, role=None, csrf=None, ends_in_s=None)
+
+
+def _address(request: Request) -> str:
+    return "" if request.client is None else request.client.host
 
 
 def _set_cookie(request: Request, response: Response, value: str, lasts_s: float) -> None:

@@ -224,6 +224,26 @@ def test_whoever_is_turned_away_has_a_few_rows_and_the_rest_is_counted_and_told_
     assert refused[-1].data == {"times": 1000 - REFUSALS, "answers": {"bad_key": 1000 - REFUSALS}}
 
 
+def test_logins_of_a_key_have_a_few_rows_and_the_rest_is_counted() -> None:
+    journal = MemoryRecorder()
+
+    async def main() -> None:
+        async with spine(recorder=journal) as lift:
+            journal.rows.clear()
+            for _ in range(REFUSALS):
+                lift.site.logged_in("desk", "192.0.2.7")
+                lift.site.logged_in("desk", "192.0.2.7", ended=True)
+            await lift.life.stop()
+
+    run_virtual(main)
+    begun, ended, *others, rest = [row for row in journal.rows if row.kind is RowKind.KEY]
+    assert (begun.caller, begun.text) == ("desk", "a browser logged in, from 192.0.2.7")
+    assert ended.data == {"done": "logged_out", "address": "192.0.2.7"}
+    assert len(others) == REFUSALS - 2
+    half = REFUSALS // 2
+    assert rest.text == f"logged in or out {REFUSALS} times more within 0 s: {half} logged_in, {half} logged_out"
+
+
 def test_a_person_who_is_refused_and_a_lift_that_nobody_has_are_written_down() -> None:
     journal = MemoryRecorder()
 

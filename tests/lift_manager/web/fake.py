@@ -95,6 +95,7 @@ class FakeSite(Site):
         self.done: list[tuple[object, ...]] = []
         """What was requested of sessions."""
         self.away: list[FaceRefusal] = []
+        self.logins: list[tuple[str, str, bool]] = []
         """Whom the face refused by itself."""
         self.sessions: dict[tuple[str, str], SessionInfo] = {}
         """By lift and id."""
@@ -253,6 +254,9 @@ class FakeSite(Site):
 
     def turned_away(self, who: FaceRefusal) -> None:
         self.away.append(who)
+
+    def logged_in(self, key: str, address: str, *, ended: bool = False) -> None:
+        self.logins.append((key, address, ended))
 
     # -- what happens
 

@@ -201,6 +201,17 @@ def test_after_a_logout_the_cookie_is_gone_and_a_copy_of_it_worthless() -> None:
     asyncio.run(use())
 
 
+def test_the_journal_gets_every_login_and_logout_by_the_name_of_its_key() -> None:
+    async def use() -> None:
+        site = FakeSite()
+        async with browser(make_app(site, EVERY_KEY)) as client:
+            token = await log_in(client, Role.OPERATOR)
+            await client.post(LOGOUT, headers={"x-csrf-token": token})
+            assert site.logins == [("the operator", "127.0.0.1", False), ("the operator", "127.0.0.1", True)]
+
+    asyncio.run(use())
+
+
 def test_a_login_ends_with_its_key_and_another_ones_does_not() -> None:
     keys = Revocable(ring(Role.OPERATOR, Role.VIEWER))
 
