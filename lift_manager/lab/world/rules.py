@@ -6,7 +6,7 @@ It keeps its own notes on requests, replies, presses and the physical state.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from drivers.model import FloorName, Result
@@ -173,10 +173,10 @@ class Rules:
         names = ", ".join(sorted(commands))
         if at > notes.fire_since + KNOWN_WITHIN_S:
             self._oracle.report(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it")
-        if at > notes.locked_since + KNOWN_WITHIN_S:
-            self._oracle.report(at, lift, "pressed in a lockout", names)
         # people cannot use a lift that is still in robot mode, and robot mode under way may be pressed again
         kept = {"robot_mode"} if at - notes.robot_mode_at < MODE_ENDED_S else set()
+        if at > notes.locked_since + KNOWN_WITHIN_S:
+            self._check_lockout(at, lift, notes, commands, kept)
         if at < notes.rests_until and commands - _HANDSHAKE - kept:
             text = f"{names}, {notes.rests_until - at:.1f} s before the end of people's turn"
             self._oracle.report(at, lift, "pressed in people's turn", text)
@@ -391,6 +391,20 @@ class Rules:
             self._oracle.report(at, lift, "said open after a fire", text)
         if at > notes.locked_since + KNOWN_WITHIN_S:
             self._oracle.report(at, lift, "said open in a lockout", f"at {state.floor}")
+
+    def _check_lockout(
+        self, at: float, lift: str, notes: _LiftNotes, commands: frozenset[str], kept: Collection[str]
+    ) -> None:
+        """Check that nothing is pressed in a lockout.
+
+        Until the end that was announced with it, robot mode that is granted is written again without a look at its cell: the
+        controller may take the request out of it, and a stranger who does so looks the same.
+        """
+        ends_at = notes.locked_since + notes.about.clear_s + SAME_INSTANT_S
+        if at <= ends_at and commands <= set(kept) and self._oracle.is_foreign_write(lift, "robot_mode", at):
+            self._oracle.excuse_finding(lift, "pressed in a lockout", "foreign_writer")
+        else:
+            self._oracle.report(at, lift, "pressed in a lockout", ", ".join(sorted(commands)))
 
     def _decide(
         self, at: float, lift: str, notes: _LiftNotes, requested_at: float, caller: Holder, holder: Holder | None

@@ -108,6 +108,28 @@ def test_whoever_is_let_in_or_presses_in_a_lockout_is_found() -> None:
     assert len(found(oracle)) == 2
 
 
+@pytest.mark.parametrize(
+    ("stranger", "at", "findings"),
+    [
+        ("robot_mode", 4.0, []),
+        ("hold_door.front", 4.0, ["pressed in a lockout"]),
+        ("robot_mode", 12.0, ["pressed in a lockout"]),
+    ],
+    ids=["taken by somebody", "who writes another output", "after the announced end"],
+)
+def test_robot_mode_that_somebody_takes_may_be_written_again_until_the_announced_end_of_a_locked_out_session(
+    stranger: str, at: float, findings: list[str]
+) -> None:
+    oracle, rules = book(clear_s=10.0)
+    for witness in (oracle, rules):
+        witness.on_fault(0.5, FaultChange("lift", ForeignWriter(stranger, pressed=False), began=True))
+    rules.on_event(1.0, LOCKED_OUT)
+    rules.on_truth(at - 1.0, "lift", STANDS_OPEN)
+    rules.on_request(at - 0.5, request(), None)
+    rules.on_press(at, "lift", frozenset({"robot_mode"}))
+    assert found(oracle) == findings
+
+
 def test_an_invitation_behind_a_fire_that_nobody_has_acknowledged_is_found() -> None:
     oracle, rules = book()
     rules.on_state(1.0, "lift", on_fire())
