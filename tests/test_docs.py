@@ -7,7 +7,7 @@ from typing import Any
 
 from typer.main import get_command
 
-from lift_manager.cli.main import COMMANDS, app
+from lift_manager.cli.main import COMMANDS, app, load_command
 from tests.support.pages import anchors, commands, inline_code, links, not_run, pages
 from tests.support.programs import ROOT
 from tests.support.rows import each_row
@@ -90,8 +90,7 @@ def parsed(words: list[str]) -> Any:
     """Return the context of a command line that click accepts; nothing runs."""
     command: Any = get_command(app)
     context = command.make_context("lift-manager", words[:1], resilient_parsing=True)
-    command = command.get_command(context, words[0])
-    rest = words[1:]
+    command, rest = load_command(words[0]), words[1:]
     while hasattr(command, "commands") and rest and not rest[0].startswith("-"):
         context = command.make_context(command.name, [], parent=context, resilient_parsing=True)
         name, rest = rest[0], rest[1:]
@@ -119,7 +118,7 @@ def test_every_command_line_of_a_page_is_accepted_by_the_program(page: Path) -> 
 
 def known_options(name: str) -> set[str]:
     """Return the options of a command and of what is below it."""
-    command: Any = get_command(app).get_command(None, name)  # type: ignore[attr-defined]
+    command = load_command(name)
     below = [*getattr(command, "commands", {}).values()]
     below = [*below, *(inner for found in below for inner in getattr(found, "commands", {}).values())]
     return {option for found in (command, *below) for parameter in found.params for option in parameter.opts}

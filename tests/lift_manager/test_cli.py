@@ -14,7 +14,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from lift_manager.cli.main import COMMANDS
+from lift_manager.cli.main import COMMANDS, SUMMARIES, load_command
 from lift_manager.store.place import store_path
 from register_maps.load import MAPS
 from tests.support.programs import HANGS_S, ROOT, call, run, run_each, running
@@ -329,6 +329,19 @@ def test_every_word_of_the_help_leads_to_a_command_of_that_name() -> None:
         done = call(word, "--help")
         assert done.returncode == 0
         assert f" {word} " in done.stdout
+
+
+def test_the_list_of_commands_shows_how_the_help_of_each_begins() -> None:
+    assert {word: " ".join(load_command(word).help.split("\n\n")[0].split()) for word in COMMANDS} == SUMMARIES
+
+
+def test_the_list_of_commands_imports_none_of_them() -> None:
+    program = (
+        "import sys; from lift_manager.cli.main import app; from typer.testing import CliRunner;"
+        "done = CliRunner().invoke(app, ['--help']); print(done.exit_code, 'pydantic' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "0 False"
 
 
 def test_a_word_to_a_running_manager_imports_neither_a_web_server_nor_a_driver() -> None:
