@@ -11,10 +11,10 @@ from lift_manager.config.check_outputs import check_outputs
 from lift_manager.config.check_rmf import check_rmf
 from lift_manager.config.check_use import check_unset, check_use
 from lift_manager.config.devices import POLL_S, devices, least_poll_s, links
+from lift_manager.config.maps import compile_maps
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift, Site
 from lift_manager.lift.config import CLEARS_IN_A_LIMIT, LIFT_NAME
-from register_maps.codec import compile_map
 from register_maps.load import LoadedMap
 from register_maps.schema import LinkDefaults, RegisterMap
 
@@ -36,14 +36,14 @@ def check_site(
     plain_maps = {name: loaded.map for name, loaded in maps.items()}
     needs = links(site, plain_maps, {name: loaded.map for name, loaded in spare.items()})
     known = {name: lift for name, lift in site.lifts.items() if lift.controller in site.controllers}
+    codecs = compile_maps(site, {name: plain_maps[name] for name in known if name in plain_maps})
     for name, lift in known.items():
         key: Key = ("lifts", name)
         if (loaded := maps.get(name) or unchanged.get(name)) is not None:
             problems += check_unset(key, lift, loaded)
         if name in plain_maps:
-            codec = compile_map(plain_maps[name], offset=lift.offset)
-            problems += check_devices(key, lift, codec)
-            problems += check_floors(key, lift, codec)
+            problems += check_devices(key, lift, codecs[name])
+            problems += check_floors(key, lift, codecs[name])
             problems += check_use(key, lift, plain_maps[name])
             problems += _check_timing(key, site, lift, plain_maps[name], needs)
         problems += _check_clear_times(key, site, lift, plain_maps.get(name), for_rmf=for_rmf)

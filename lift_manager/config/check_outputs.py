@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from lift_manager.config.devices import Device, devices
+from lift_manager.config.maps import compile_maps
 from lift_manager.config.problem import Problem
 from lift_manager.config.site import Site
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec
 from register_maps.load import LoadedMap
 from register_maps.words import Table
 
@@ -37,13 +38,13 @@ class _Write:
 def check_outputs(site: Site, maps: Mapping[str, LoadedMap]) -> Iterator[Problem]:
     """Yield lifts that write where another one writes. `maps` are by lift; one with unset parameters has no addresses yet."""
     writes_at: dict[_Cell, list[_Write]] = {}
-    for name, loaded in maps.items():
-        lift = site.lifts[name]
-        if lift.access != "control" or loaded.unset:
-            continue
-        placed = devices(site, lift, loaded.map)
+    commanded = {
+        name: loaded.map for name, loaded in maps.items() if site.lifts[name].access == "control" and not loaded.unset
+    }
+    for name, codec in compile_maps(site, commanded).items():
+        placed = devices(site, site.lifts[name], codec.map)
         clashes: list[tuple[_Write, _Write]] = []
-        for cell, write in _claims(name, placed, compile_map(loaded.map, offset=lift.offset)):
+        for cell, write in _claims(name, placed, codec):
             writes = writes_at.setdefault(cell, [])
             clashes += [(write, other) for other in writes if write.conflicts_with(other)]
             writes.append(write)

@@ -51,11 +51,13 @@ def links(site: Site, maps: Mapping[str, RegisterMap], spare: Mapping[str, Regis
 
     `maps` are by lift; `spare` by controller, for those that only serve endpoints.
     """
+    needs: dict[str, list[LinkDefaults]] = {}
+    for lift, spec in site.lifts.items():
+        if lift in maps:
+            needs.setdefault(spec.controller, []).append(maps[lift].link)
     found: dict[str, LinkDefaults] = {}
     for name, controller in site.controllers.items():
-        here = [maps[lift].link for lift, spec in site.lifts.items() if spec.controller == name and lift in maps]
-        if not here and name in spare:
-            here = [spare[name].link]
+        here = needs.get(name) or ([spare[name].link] if name in spare else [])
         said = {key: getattr(controller, key) for key in _SITE_SETTINGS if getattr(controller, key) is not None}
         found[name] = strictest_needs(here).model_copy(update=said)
     return found

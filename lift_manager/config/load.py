@@ -13,18 +13,17 @@ from lift_manager.config.check import check_site
 from lift_manager.config.check_floors import unused_codes
 from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.devices import POLL_S, Device, devices, least_poll_s, links
-from lift_manager.config.maps import is_value_table, load_maps, tables
+from lift_manager.config.maps import compile_maps, is_value_table, load_maps, tables
 from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
 from lift_manager.config.tls import path_of, tls_cautions, tls_lines, tls_problems
 from lift_manager.lift.config import Checkout
 from register_maps.assumptions import assumptions
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.schema import CALLS, LinkDefaults, RegisterMap
 from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_validate
-from register_maps.words import Table
 
 _MAP_KEYS = {"provenance", "addressing", "served", "signals", "commands"}
 _IS_MAP = "this is a register map and not a site file; a controller of a site file names it, as its `map`"
@@ -96,16 +95,8 @@ class LoadedSite:
 
     @cached_property
     def codecs(self) -> dict[str, Codec]:
-        """The compiled map of each lift. Lifts with the same map in the same place share one: it is most of what a lift would take."""
-        compiled: dict[tuple[int, frozenset[tuple[Table, int]]], Codec] = {}
-        found = {}
-        for name, lift in self.site.lifts.items():
-            source = self.maps[name].map
-            place = id(source), frozenset(lift.offset.items())
-            if place not in compiled:
-                compiled[place] = compile_map(source, offset=lift.offset)
-            found[name] = compiled[place]
-        return found
+        """The compiled map of each lift, in the order of the site file."""
+        return compile_maps(self.site, {name: self.maps[name].map for name in self.site.lifts})
 
     def poll_s(self, lift: str) -> float:
         """Seconds from one poll of a lift to the next."""

@@ -1,17 +1,20 @@
-"""Loads the maps of a site, with the changes of the site file for each lift."""
+"""Loads and compiles the maps of a site, with the changes of the site file for each lift."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lift_manager.config.site import is_parameter_value
+from lift_manager.config.site import Site, is_parameter_value
+from register_maps.codec import Codec, compile_map
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
+from register_maps.schema import RegisterMap
 from register_maps.source import KeyPath, Source
+from register_maps.words import Table
 
 
 @dataclass(slots=True)
@@ -50,6 +53,19 @@ def load_maps(source: Source, base: Path) -> Maps:
     for controller in named.keys() - used:
         if (loaded := unchanged_maps.load(controller, found.findings)) is not None:
             found.spare[controller] = loaded
+    return found
+
+
+def compile_maps(site: Site, maps: Mapping[str, RegisterMap]) -> dict[str, Codec]:
+    """Compile maps by lift. Lifts with the same map in the same place share one codec: it is most of what a lift would take."""
+    compiled: dict[tuple[int, frozenset[tuple[Table, int]]], Codec] = {}
+    found = {}
+    for name, source in maps.items():
+        offset = site.lifts[name].offset
+        place = id(source), frozenset(offset.items())
+        if place not in compiled:
+            compiled[place] = compile_map(source, offset=offset)
+        found[name] = compiled[place]
     return found
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from glob import escape
 from pathlib import Path
 
 from lift_manager.commissioning.checkout.plan import lift_digest
@@ -63,7 +62,9 @@ def _counts(record: Record) -> bool:
 def _records(store: Path, loaded: LoadedSite, lift: str, stage: Stage) -> list[Record]:
     """Return the records of this lift, archived ones included, those that began last first. Raises RecordUnusable."""
     current = record_path(store, lift, stage)
-    files = [current, *store.parent.glob(f"{escape(current.stem)}.*.json")]
+    # one pattern for all lifts: a pattern of its own would have to be compiled for each
+    archived = (file for file in store.parent.glob("*.json") if file.name.startswith(f"{current.stem}."))
+    files = dict.fromkeys((current, *archived))
     found = [record for file in files if (record := load(file)) is not None]
     own = [record for record in found if (record.site, record.lift, record.stage) == (loaded.site.name, lift, stage)]
     return sorted(own, key=lambda record: record.started_at, reverse=True)
