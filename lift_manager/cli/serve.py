@@ -43,6 +43,14 @@ from register_maps.errors import MapFileError
 _log = logging.getLogger("lift_manager")
 
 
+NO_WORKERS = (
+    "a site is served by one process, because a lift has one holder and its controller takes one connection; one process polls 1,000"
+    " lifts ten times a second. For more, divide the controllers between two site files, and run a manager for each of them, on a port"
+    " of its own"
+)
+"""Web servers offer `--workers`, so people try it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stores:
     """The files of a site on the disk."""
@@ -62,8 +70,11 @@ def serve(
         typer.Option("--rmf", help="Also run the Open-RMF lift adapter of these lifts, with `rmf` of the site file."),
     ] = False,
     log_format: LogOption = LogFormat.HUMAN,
+    workers: Annotated[int | None, typer.Option(hidden=True)] = None,
 ) -> None:
     """Run the lift manager for a site."""
+    if workers is not None:
+        raise typer.BadParameter(NO_WORKERS, param_hint="--workers")
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
     raise_file_limit()

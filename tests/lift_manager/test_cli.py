@@ -344,6 +344,15 @@ def test_the_list_of_commands_imports_none_of_them() -> None:
     assert done.stdout.strip() == "0 False"
 
 
+def test_serve_refuses_workers_and_says_how_to_serve_more_lifts(tmp_path: Path) -> None:
+    done = call("serve", tmp_path / "site.yaml", "--workers", "4")
+    said = " ".join(done.stderr.replace("│", " ").split())
+    assert done.returncode == 2
+    assert "a site is served by one process" in said
+    assert "divide the controllers between two site files, and run a manager for each of them" in said
+    assert "--workers" not in call("serve", "--help").stdout
+
+
 def test_a_word_to_a_running_manager_imports_neither_a_web_server_nor_a_driver() -> None:
     program = (
         "import sys; from lift_manager.cli.main import app; from typer.testing import CliRunner;"
