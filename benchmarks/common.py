@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import json
 import multiprocessing
 import os
+import random
 import re
 import resource
 import ssl
@@ -17,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -46,6 +48,8 @@ REGISTERS = 8
 STANDING = (1, 1, 1, 1, 0b101, 0, 0)
 """After the alive counter: at floor 1, stopped, door closed, normal, no fire (1) and level, no destination, no call."""
 FORK = multiprocessing.get_context("fork")
+PICTURED = 5000
+"""Measurements of one picture at the most."""
 _OTHER_FILES = 100
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -70,6 +74,53 @@ PRESS_ATTEMPTS = 5
 _PLC_REGISTERS = 24
 _IDLE = {FLOOR: 1, MOTION: 1, DOOR: 1, MODE: 1, BITS: 0b101}
 _GRANTED = 0b10
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One line of the tables in README.md."""
+
+    measure: str
+    value: str
+    """With its unit."""
+    baseline: str = ""
+    """What was measured beside it in the same run."""
+    times: float | None = None
+    """How many times the baseline it is."""
+    limit: str = ""
+    """What is to be reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What one run of a benchmark found, for `python -m benchmarks`."""
+
+    table: list[Figure] = field(default_factory=list)
+    latencies_ms: dict[str, list[float]] = field(default_factory=dict)
+    """What single measurements took, by the title of their picture."""
+    lines: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    """The lines of the one picture of cost against number, by name."""
+
+    def add(self, measure: str, value: str, baseline: str = "", times: float | None = None, limit: str = "") -> None:
+        """Add a line to the table."""
+        self.table.append(Figure(measure, value, baseline, times, limit))
+
+    def picture(self, title: str, seconds: list[float]) -> None:
+        """Keep what single measurements took, or as many of them as a picture needs."""
+        kept = seconds if len(seconds) <= PICTURED else random.Random(1).sample(seconds, PICTURED)
+        self.latencies_ms[title] = [round(one * 1e3, 3) for one in kept]
+
+    def write(self, file: Path | None) -> None:
+        """Write everything where `python -m benchmarks` reads it, which gives `--figures`."""
+        if file is not None:
+            file.write_text(json.dumps(asdict(self)), "utf-8")
+
+
+def parser(about: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a benchmark with this docstring."""
+    found = argparse.ArgumentParser(description=(about or "").splitlines()[0])
+    found.add_argument("--figures", type=Path, help=argparse.SUPPRESS)
+    return found
 
 
 def building(ports: list[int], poll_s: float) -> ManagerParts:
@@ -124,6 +175,12 @@ def pin(core: int | None, process: int = 0) -> None:
     """Keep a process on one core, this one by default."""
     if core is not None:
         os.sched_setaffinity(process, {core})
+
+
+def cpu_s(process: int) -> float:
+    """Return the CPU seconds that a process has used, in steps of a hundredth of a second."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def allow_files(connections: int) -> None:
@@ -265,10 +322,11 @@ def running(
     tree: Path = ROOT,
     program: tuple[str, ...] = LIFT_MANAGER,
     core: int | None = None,
+    started: Callable[[int], None] | None = None,
 ) -> Iterator[re.Match[str]]:
     """Run a Python program, the `lift-manager` of a source tree by default, in its own process until the block ends.
 
-    Yields the match of its ready message.
+    Yields the match of its ready message; calls `started` with the id of the process.
     """
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(  # noqa: S603  our own program and arguments
@@ -276,6 +334,8 @@ def running(
         )
         try:
             pin(core, process.pid)
+            if started is not None:
+                started(process.pid)
             yield _first_match(process, pattern)
         except BaseException:
             log.seek(0)
@@ -312,10 +372,11 @@ Program = contextlib.AbstractContextManager[re.Match[str]]
 
 @dataclass(frozen=True, slots=True)
 class LiftServer:
-    """A running program that serves the workshop's API, and the controller of its lift."""
+    """A running program that serves the workshop's API, and the controller of one of its lifts."""
 
     controller: Controller
     port: int
+    lift: str = "lift"
 
     async def press(self, code: int) -> float | None:
         """Request a floor over a new connection; return the seconds until the first byte of the call is at the controller.
@@ -323,7 +384,7 @@ class LiftServer:
         None if the request was refused: another floor was requested too often, or the computer is too busy to read its lift in time.
         """
         body = json.dumps({"floor": FLOOR_NAMES[code - 1], "door_state": 2})
-        head = f"POST /open-rmf/demo-lift/lift_request?lift_name=lift HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
+        head = f"POST /open-rmf/demo-lift/lift_request?lift_name={self.lift} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
         called, requested_at = self.controller.called(code), time.monotonic()
         async with asyncio.timeout(PRESS_WITHIN_S):
             reader, writer = await asyncio.open_connection("127.0.0.1", self.port)

@@ -9,7 +9,6 @@ about 20 s for each loop, with 1 where the 99th percentile is not below 50 ms.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import os
 import random
@@ -243,9 +242,24 @@ def show(name: str, cost: Cost, received: Received, plan: Plan) -> bool:
     return lags[98] < WITHIN_S
 
 
+def figures_of(found: dict[str, tuple[Cost, Received]], plan: Plan) -> common.Figures:
+    """Return what every loop needed."""
+    figures = common.Figures()
+    for name, (cost, received) in found.items():
+        lags, answers = (statistics.quantiles(one, n=100) for one in (received.lags, received.answers))
+        load = f"{plan.streams} streams of {plan.rate:g} events a second, {name}"
+        figures.add(
+            f"{load}: lag of an event", f"{lags[49] * 1e3:.1f} ms, p99 {lags[98] * 1e3:.1f} ms", limit="p99 below 15 ms"
+        )
+        figures.add(f"{load}: time of an answer", f"{answers[49] * 1e3:.1f} ms, p99 {answers[98] * 1e3:.1f} ms")
+        figures.add(f"{load}: CPU of the manager", f"{cost.core:.0%} of a core")
+        figures.picture(f"Lag of an event, {load}", received.lags)
+    return figures
+
+
 def main() -> None:
     """Start the controllers, measure on each loop, print, end."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = common.parser(__doc__)
     parser.add_argument("--streams", type=int, default=500)
     parser.add_argument("--rate", type=float, default=10.0, help="events a second of each stream")
     parser.add_argument("--requests", type=float, default=200.0, help="a second, together")
@@ -261,7 +275,9 @@ def main() -> None:
         flush=True,
     )
     with common.controllers(chosen.lifts, 5, None) as ports:
-        good = [show(name, *round_of(ports, plan, name), plan) for name in chosen.loop]
+        found = {name: round_of(ports, plan, name) for name in chosen.loop}
+    good = [show(name, *one, plan) for name, one in found.items()]
+    figures_of(found, plan).write(chosen.figures)
     if not all(good):
         raise SystemExit(f"the 99th percentile of the lag is not below {WITHIN_S * 1e3:.0f} ms")
 

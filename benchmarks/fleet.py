@@ -8,7 +8,6 @@ loop take turns, so that a busy machine slows both, and the table shows medians.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import random
@@ -33,7 +32,7 @@ from benchmarks.common import POLL_S
 SETTLE_S = 1.0
 READY_WITHIN_S = 20.0
 SAMPLES_PER_S = 200
-BARE = "bare pymodbus"
+MANAGER, BARE = "manager", "bare pymodbus"
 HEADINGS = ("", "", "lifts", "polls/s", "rate", "age p50", "age p99", "core", "us/poll", "KB/lift")
 
 
@@ -135,7 +134,7 @@ async def _running(works: list[Coroutine[Any, Any, None]]) -> AsyncIterator[None
             task.cancel()
 
 
-CONTESTANTS: dict[str, Contestant] = {"manager": manager, BARE: bare_pymodbus}
+CONTESTANTS: dict[str, Contestant] = {MANAGER: manager, BARE: bare_pymodbus}
 
 
 async def measure(contestant: Contestant, ports: list[int], plan: Plan) -> Round:
@@ -199,7 +198,8 @@ def _round_process(name: str, ports: list[int], plan: Plan, pipe: Connection) ->
         pipe.send(runner.run(measure(CONTESTANTS[name], ports, plan)))
 
 
-def _median(rounds: list[Round]) -> Round:
+def median(rounds: list[Round]) -> Round:
+    """Return the median of each figure."""
     return Round(*(statistics.median(values) for values in zip(*(_row(one) for one in rounds), strict=True)))
 
 
@@ -210,20 +210,37 @@ def _row(one: Round) -> tuple[float, ...]:
 def show(lifts: int, results: dict[str, list[Round]]) -> None:
     """Print the medians of one size, and what bare pymodbus costs for each unit that the manager costs."""
     for name, rounds in results.items():
-        one = _median(rounds)
+        one = median(rounds)
         rate = one.polls_per_s * POLL_S / lifts
         print(
             f"{name:<18}{lifts:>9}{one.polls_per_s:>9.0f}{rate:>9.1%}"
             f"{one.age_p50_s * 1e3:>6.0f} ms{one.age_p99_s * 1e3:>6.0f} ms{one.core:>9.1%}{one.poll_us:>9.1f}{one.memory / 1024:>9.1f}"
         )
     if BARE in results and len(results) > 1:
-        ours, bare = (_median(results[name]).poll_us for name in ("manager", BARE))
+        ours, bare = (median(results[name]).poll_us for name in (MANAGER, BARE))
         print(f"bare pymodbus costs {bare / ours:.2f} times the CPU of the manager\n", flush=True)
+
+
+def add_figures(figures: common.Figures, lifts: int, medians: dict[str, Round]) -> None:
+    """Add one size."""
+    for name, one in medians.items():
+        figures.lines.setdefault(name, []).append((lifts, one.core * 100))
+    if (ours := medians.get(MANAGER)) is None or (bare := medians.get(BARE)) is None:
+        return
+    of, times = f"{BARE} {bare.poll_us:.1f} us", ours.poll_us / bare.poll_us
+    figures.add(f"{lifts:,} lifts: CPU of one poll", f"{ours.poll_us:.1f} us", of, times)
+    rate, theirs = (one.polls_per_s * POLL_S / lifts for one in (ours, bare))
+    figures.add(
+        f"{lifts:,} lifts: polls that took place", f"{rate:.1%}", f"{BARE} {theirs:.1%}", None, "90 % up to 2,500"
+    )
+    age = f"{ours.age_p99_s * 1e3:.0f} ms"
+    figures.add(f"{lifts:,} lifts: age, p99", age, f"{BARE} {bare.age_p99_s * 1e3:.0f} ms", None, "below 250 ms")
+    figures.add(f"{lifts:,} lifts: memory of one", f"{ours.memory / 1024:.1f} KB", f"{BARE} {bare.memory / 1024:.1f} KB", None, "at most 32 KB")  # fmt: skip
 
 
 def main() -> None:
     """Start the controllers, take turns, print, end."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = common.parser(__doc__)
     parser.add_argument("--lifts", type=int, nargs="+", default=[100, 1000])
     parser.add_argument("--seconds", type=float, default=5.0, help="measured in each round")
     parser.add_argument("--rounds", type=int, default=3)
@@ -232,6 +249,7 @@ def main() -> None:
     chosen = parser.parse_args()
     # In the process of the controllers: a listening socket and an accepted one for every lift.
     common.allow_files(2 * max(chosen.lifts))
+    figures = common.Figures()
     core, other = common.two_cores()
     plan = Plan(chosen.seconds, core)
     names = [chosen.only] if chosen.only else list(CONTESTANTS)
@@ -244,6 +262,8 @@ def main() -> None:
                 for name, rounds in results.items():
                     rounds.append(run_round(name, ports[:lifts], plan))
             show(lifts, results)
+            add_figures(figures, lifts, {name: median(rounds) for name, rounds in results.items()})
+    figures.write(chosen.figures)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
+from benchmarks import common
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.chain import canonical
@@ -104,15 +105,15 @@ async def play(contestant: Contestant, folder: Path, presses: int) -> list[float
     return sorted(took)
 
 
-async def main(presses: int, rounds: int, folder: Path) -> None:
+async def main(chosen: argparse.Namespace, folder: Path) -> None:
     """Let both take turns, and print the median round of each."""
     contestants: dict[str, Contestant] = {"bare sqlite3": bare, "store": store}
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in contestants}
-    for _ in range(rounds):
+    for _ in range(chosen.rounds):
         for name, contestant in contestants.items():
-            took = await play(contestant, folder, presses)
+            took = await play(contestant, folder, chosen.presses)
             found[name].append((took[len(took) // 2], took[len(took) * 99 // 100]))
-    print(f"{rounds} rounds of {presses} presses in {folder}")
+    print(f"{chosen.rounds} rounds of {chosen.presses} presses in {folder}")
     print(f"{'':14}{'p50 ms':>9}{'p99 ms':>9}")
     medians = {
         name: [statistics.median(column) for column in zip(*pairs, strict=True)] for name, pairs in found.items()
@@ -121,13 +122,20 @@ async def main(presses: int, rounds: int, folder: Path) -> None:
         print(f"{name:14}{p50:9.2f}{p99:9.2f}")
     ratios = [ours / theirs for ours, theirs in zip(medians["store"], medians["bare sqlite3"], strict=True)]
     print(f"{'store/bare':14}{ratios[0]:9.2f}{ratios[1]:9.2f}")
+    figures = common.Figures()
+    for place, name in enumerate(("p50", "p99")):
+        bare_ms, store_ms = (medians[contestant][place] for contestant in contestants)
+        figures.add(
+            f"one press on the disk, {name}", f"{store_ms:.2f} ms", f"bare sqlite3 {bare_ms:.2f} ms", ratios[place]
+        )
+    figures.write(chosen.figures)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = common.parser(__doc__)
     parser.add_argument("--presses", type=int, default=400)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--folder", type=Path, default=None, help="a folder on the disk to be measured")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=arguments.folder) as place:
-        asyncio.run(asyncio.wait_for(main(arguments.presses, arguments.rounds, Path(place)), LIMIT_S))
+        asyncio.run(asyncio.wait_for(main(arguments, Path(place)), LIMIT_S))

@@ -10,7 +10,6 @@ With --tls a link over mutual TLS takes part; what it costs is said as times the
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import ssl
@@ -21,7 +20,6 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 
-import trustme
 import uvloop
 from pymodbus.client import AsyncModbusTcpClient
 
@@ -39,6 +37,7 @@ LIMIT_S = 120.0
 BARE = "bare pymodbus"
 LINK = "link"
 LINK_OVER_TLS = "link over TLS"
+READ, POLL = "lift: read", "lift: read, rules"
 BEATS_WITHIN = 1000
 """Polls within which the alive counter has to change."""
 Poll = Callable[[], Awaitable[object]]
@@ -116,14 +115,16 @@ async def _link_up(port: int, tls: LinkTls | None = None) -> AsyncIterator[Link]
 CONTESTANTS: dict[str, Contestant] = {
     BARE: bare_pymodbus,
     LINK: link_read,
-    "lift: read": lift_read,
-    "lift: read, rules": lift_poll,
+    READ: lift_read,
+    POLL: lift_poll,
 }
 
 
 @contextlib.contextmanager
 def over_tls(beat: int, core: int | None) -> Iterator[Contestant]:
     """A link over mutual TLS 1.3, to a controller of its own."""
+    import trustme  # noqa: PLC0415  of the test environment alone
+
     with tempfile.TemporaryDirectory() as folder:
         authority = trustme.CA()
         ca, ours = Path(folder, "ca.pem"), Path(folder, "ours.pem")
@@ -156,7 +157,7 @@ async def measure(contestants: dict[str, Contestant], port: int, polls: int, rou
 
 def main() -> None:
     """Measure, print, end."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = common.parser(__doc__)
     parser.add_argument("--loop", choices=["uvloop", "asyncio"], default="uvloop")
     parser.add_argument("--polls", type=int, default=3000, help="in each round")
     parser.add_argument("--rounds", type=int, default=5)
@@ -179,6 +180,11 @@ def main() -> None:
         print(f"{name:<20}{cost_us:>11.1f} us{costs[BARE] / cost_us:>6.2f} times")
     if chosen.tls:
         print(f"TLS costs {costs[LINK_OVER_TLS] / costs[LINK]:.2f} times the link without")
+    figures = common.Figures()
+    for name, limit in ((LINK, ""), (READ, ""), (POLL, "at most 0.5")):
+        bare = f"{BARE} {costs[BARE]:.1f} us"
+        figures.add(f"CPU of one poll: {name}", f"{costs[name]:.1f} us", bare, costs[name] / costs[BARE], limit)
+    figures.write(chosen.figures)
 
 
 if __name__ == "__main__":

@@ -48,8 +48,16 @@ async def measure(ports: list[int], chosen: argparse.Namespace) -> None:
             await asyncio.gather(*scraping, return_exceptions=True)
     for name, found in core.items():
         print(f"{name:<14}{statistics.median(found):>8.1%} of a core  ({', '.join(f'{one:.1%}' for one in found)})")
+    alone, scraped = (statistics.median(found) for found in core.values())
+    figures = common.Figures()
+    of = f"without {alone:.1%} of a core"
+    figures.add(
+        f"a scrape every {chosen.every:g} s: CPU of the manager", f"{scraped:.1%} of a core", of, scraped / alone
+    )
     for name, accept in ACCEPT.items():
-        await _alone(building, name, accept)
+        took_s, turn_s = await _alone(building, name, accept)
+        figures.add(f"one scrape, {name}", f"{took_s * 1e3:.1f} ms, longest turn {turn_s * 1e3:.1f} ms")
+    figures.write(chosen.figures)
 
 
 async def _core(seconds: float) -> float:
@@ -64,7 +72,7 @@ async def _scrape(building: ManagerParts, every_s: float) -> None:
         await asyncio.sleep(every_s)
 
 
-async def _alone(building: ManagerParts, name: str, accept: str) -> None:
+async def _alone(building: ManagerParts, name: str, accept: str) -> tuple[float, float]:
     took_s, turns_s, body = [], [], b""
     for _ in range(ALONE):
         began = time.process_time()
@@ -76,10 +84,11 @@ async def _alone(building: ManagerParts, name: str, accept: str) -> None:
         took_s.append(time.process_time() - began)
         body = scraping.result()[0]
     samples = sum(not line.startswith(b"#") for line in body.splitlines())
+    took, turn = statistics.median(took_s), statistics.median(sorted(turns_s)[-ALONE:])
     print(
-        f"{name:<14}{samples} samples, {len(body) / 1024:.0f} KB: {statistics.median(took_s) * 1e3:.1f} ms,"
-        f" longest turn {statistics.median(sorted(turns_s)[-ALONE:]) * 1e3:.1f} ms"
+        f"{name:<14}{samples} samples, {len(body) / 1024:.0f} KB: {took * 1e3:.1f} ms, longest turn {turn * 1e3:.1f} ms"
     )
+    return took, turn
 
 
 @contextlib.asynccontextmanager
@@ -94,7 +103,7 @@ async def _running(building: ManagerParts) -> AsyncIterator[None]:
 
 def main() -> None:
     """Start the controllers, measure, end."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = common.parser(__doc__)
     parser.add_argument("--lifts", type=int, default=100)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--rounds", type=int, default=3)

@@ -204,6 +204,14 @@ async def measure(tab: Tab, profile: Path, base: str, view: str, lifts: int, sec
     return Measured(frames, spent, browser, manager, len(sizes), sum(sizes) / 1000 / took, changed)
 
 
+def add_figures(figures: common.Figures, lifts: int, view: str, found: Measured) -> None:
+    """Add one view."""
+    p50 = statistics.median(found.frames_ms)
+    late = sum(ms > LONG_FRAME_MS for ms in found.frames_ms) / len(found.frames_ms)
+    figures.add(f"{lifts} moving lifts, `{view}`: one frame", f"{p50:.1f} ms, {late:.1%} above {LONG_FRAME_MS:g} ms")
+    figures.add(f"{lifts} moving lifts, `{view}`: CPU of the manager", f"{found.manager:.1%} of a core")
+
+
 def show(view: str, found: Measured) -> None:
     """Print one row."""
     shares = statistics.quantiles(found.frames_ms, n=100)
@@ -216,19 +224,23 @@ def show(view: str, found: Measured) -> None:
     )
 
 
-async def play(ports: list[int], views: list[str], seconds: float, folder: Path) -> None:
+async def play(ports: list[int], chosen: argparse.Namespace, folder: Path) -> common.Figures:
     """Run the manager and the browser, and print a row for each view."""
+    figures = common.Figures()
     with common.running("serve", str(site_file(folder, ports)), "--port", "0", pattern=common.SERVES) as ready:
         base = f"http://127.0.0.1:{ready[1]}"
         profile = folder / "profile"
         async with moving(base) as names, chromium(profile) as tab:
-            for view in views:
-                show(view, await measure(tab, profile, base, view, len(names), seconds))
+            for view in chosen.view:
+                found = await measure(tab, profile, base, view, len(names), chosen.seconds)
+                show(view, found)
+                add_figures(figures, len(names), view, found)
+    return figures
 
 
 def main() -> None:
     """Start the lifts, look at each view, end."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = common.parser(__doc__)
     parser.add_argument("--lifts", type=int, default=60)
     parser.add_argument("--seconds", type=float, default=20.0, help="measured of each view")
     parser.add_argument("--view", nargs="+", default=["/?view=cards", "/wall", "/?view=table"])
@@ -239,7 +251,7 @@ def main() -> None:
         flush=True,
     )
     with simulated(chosen.lifts) as ports, tempfile.TemporaryDirectory() as folder:
-        asyncio.run(play(ports, chosen.view, chosen.seconds, Path(folder)))
+        asyncio.run(play(ports, chosen, Path(folder))).write(chosen.figures)
 
 
 if __name__ == "__main__":

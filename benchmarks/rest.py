@@ -300,9 +300,24 @@ def show(first: str, second: str, form: str, rounds: Sequence[Figures]) -> None:
         print(f"{name:<33}{figures}{ratios}")
 
 
+def figures_of(rounds: Sequence[Round]) -> common.Figures:
+    """Return the medians of all rounds."""
+    figures = common.Figures()
+    p50 = {name: statistics.median(one.presses[name][0] for one in rounds) for name in rounds[0].presses}
+    for name, limit in ((MANAGER, "at most 1.5, plus one flush"), (NO_DISK, "at most 1.0"), (FLUSH, "")):
+        times = statistics.median(one.presses[name][0] / one.presses[STOCK][0] for one in rounds)
+        measure = f"POST lift_request to the first byte of the call: {name}"
+        figures.add(measure, f"{p50[name]:.2f} ms", f"{STOCK} {p50[STOCK]:.2f} ms", times, limit)
+    rate = {name: statistics.median(one.states[name][0] for one in rounds) for name in rounds[0].states}
+    times = statistics.median(one.states[MANAGER][0] / one.states[STOCK][0] for one in rounds)
+    measure = f"GET lift_state over {CLIENTS} connections: answers a second"
+    figures.add(measure, f"{rate[MANAGER]:,.0f}", f"{STOCK} {rate[STOCK]:,.0f}", times, "at least 3")
+    return figures
+
+
 def main() -> None:
     """Measure every round, print, end."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = common.parser(__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--presses", type=int, default=12, help="in each round, of each program")
     parser.add_argument("--seconds", type=float, default=2.0, help="of load in each round, on each program")
@@ -335,6 +350,7 @@ def main() -> None:
     show("p50", "p90", ".2f", [one.presses for one in rounds])
     print(f"\nGET lift_state, {CLIENTS} connections: states a second, ms")
     show("rate", "p99", ".1f", [one.states for one in rounds])
+    figures_of(rounds).write(chosen.figures)
     polls = statistics.median(one.states[MANAGER][2] for one in rounds)
     print(
         f"meanwhile the manager polled its lift {polls:.1f} times a second, of the {1 / common.POLL_S:.0f} that it is set to"
