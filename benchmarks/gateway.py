@@ -134,6 +134,8 @@ async def presses(controllers: dict[int, common.Controller], port: str, count: i
         if len(took) == count:
             break
         await asyncio.sleep(dice.uniform(*common.PRESS_PAUSE_S))
+    else:
+        raise SystemExit("too many requests were refused: this computer is too busy, or the gateway too slow")
     return took
 
 

@@ -205,7 +205,8 @@ def main() -> None:
             p50, p99 = (statistics.quantiles(found, n=100)[place] * 1e3 for place in (49, 98))
             limit = f"median below {limits_s[what] * 1e3:g} ms"
             figures.add(measure, f"{p50:.1f} ms, p99 {p99:.1f} ms", limit=limit)
-            figures.picture(measure, found)
+            if what == REQUEST:
+                figures.picture(measure, found)
     figures.write(chosen.figures)
     if not all(good):
         raise SystemExit(

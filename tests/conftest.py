@@ -17,6 +17,7 @@ settings.load_profile("repeatable")
 
 TESTS = Path(__file__).parent
 LONGEST = (
+    "test_benchmarks.py",
     "campaigns/test_crash.py",
     "lift_manager/commissioning/learn/test_codings.py",
     "lift_manager/lab/test_pytest_plugin.py",
@@ -32,7 +33,6 @@ LONGEST = (
     "lift_manager/rmf/test_rides.py",
     "external/test_stunnel.py",
     "trips/test_trips.py",
-    "test_benchmarks.py",
     "lift_manager/web/test_docs.py",
 )
 """Files that take ten seconds and more. They begin first, so that at the end of a run no worker has one left while others wait."""

@@ -1,22 +1,62 @@
-"""Benchmarks are for people; here one is played as short as it can be, so that it still runs when somebody needs its figures."""
+"""Benchmarks are for people; here each is played as short as it can be, so that it still runs when somebody needs its figures."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
+import pytest
+
+from benchmarks.__main__ import BEGIN, BENCHMARKS, END, with_section
 from tests.support.programs import HANGS_S
 
 ROOT = Path(__file__).resolve().parents[1]
+SHARED = {"__main__", "common", "pictures"}
+NAMES = [
+    pytest.param(one.name, marks=pytest.mark.external("chromium")) if one.program == "chromium" else one.name
+    for one in BENCHMARKS
+]
+README = f"# Benchmarks\n\n{BEGIN}\n\n{END}\n\nHistory\n"
 
 
-def test_the_rest_benchmark_compares_every_program_with_stock(tmp_path: Path) -> None:
-    command = [sys.executable, str(ROOT / "benchmarks" / "rest.py"), "--folder", str(tmp_path)]
-    tiny = ["--rounds", "1", "--presses", "1", "--seconds", "0.1"]
+@pytest.mark.parametrize("name", NAMES)
+def test_every_benchmark_runs_and_its_figures_are_written(name: str, tmp_path: Path) -> None:
+    readme, disk = tmp_path / "README.md", tmp_path / "disk"
+    readme.write_text(README, "utf-8")
+    disk.mkdir()
+    command = [sys.executable, "-m", "benchmarks", "--quick", "--only", name, "--into", str(tmp_path)]
     done = subprocess.run(
-        [*command, *tiny], cwd=tmp_path, capture_output=True, text=True, timeout=2 * HANGS_S, check=False
+        [*command, "--folder", str(disk)], cwd=ROOT, capture_output=True, text=True, timeout=2 * HANGS_S, check=False
     )
     assert done.returncode == 0, done.stderr
-    _, presses, states = done.stdout.split("\n\n")
-    assert [line[:12].strip() for line in presses.splitlines()[2:]] == ["stock", "bare flush", "manager", "no disk"]
-    assert [line[:12].strip() for line in states.splitlines()[2:4]] == ["stock", "manager"]
-    assert not list(tmp_path.iterdir())
+    written = readme.read_text("utf-8")
+    assert f"### `{name}.py`" in written
+    figures = [line for line in written.splitlines() if line.startswith("| ") and not line.startswith("| measure ")]
+    assert figures
+    assert all(re.search(r"\d", line.split("|")[2]) for line in figures), figures
+    pictures = set(re.findall(r"\]\((\S+\.svg)\)", written))
+    assert {file.name for file in tmp_path.glob("*.svg")} == pictures
+    assert all(ET.parse(tmp_path / file).getroot().tag.endswith("svg") for file in pictures)
+    assert not list(disk.iterdir())
+
+
+def test_the_command_runs_every_benchmark_of_the_folder() -> None:
+    files = {file.stem for file in (ROOT / "benchmarks").glob("*.py")}
+    names = {benchmark.name for benchmark in BENCHMARKS}
+    assert files - SHARED == names
+    readme = (ROOT / "benchmarks" / "README.md").read_text("utf-8")
+    assert set(re.findall(r"^\| `(\w+)\.py` \| ", readme, re.MULTILINE)) == names
+    assert with_section(readme, "rest", "### `rest.py`\n").count("### `rest.py`") == 1
+
+
+def test_a_benchmark_that_is_run_again_replaces_its_own_figures_alone() -> None:
+    once = with_section(with_section(README, "rest", "### `rest.py`\n\none"), "link", "### `link.py`\n\ntwo")
+    assert once == f"# Benchmarks\n\n{BEGIN}\n\n### `link.py`\n\ntwo\n\n### `rest.py`\n\none\n\n{END}\n\nHistory\n"
+    again = with_section(once, "rest", "### `rest.py`\n\nthree\n\n![four](rest-1.svg)\n")
+    assert again == once.replace("one", "three\n\n![four](rest-1.svg)")
+
+
+def test_a_readme_without_a_place_for_figures_is_left_alone() -> None:
+    with pytest.raises(SystemExit, match="no place for results"):
+        with_section("# Benchmarks\n", "rest", "### `rest.py`\n")
