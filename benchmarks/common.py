@@ -51,6 +51,8 @@ FORK = multiprocessing.get_context("fork")
 PICTURED = 5000
 """Measurements of one picture at the most."""
 _OTHER_FILES = 100
+_POLLED = struct.pack(">HH", 0, REGISTERS)
+"""First register and number of registers in a request."""
 
 ROOT = Path(__file__).resolve().parents[1]
 FLOOR_NAMES = tuple(FLOORS)
@@ -58,6 +60,8 @@ ALIVE, FLOOR, MOTION, DOOR, MODE, BITS, DESTINATION, ACCEPTED = range(8)
 GO_TO, HOLD_DOOR, ROBOT_MODE = 16, 17, 18
 STOPPED, UP = 1, 2
 READY_WITHIN_S = 30.0
+LAST_WORDS = 4000
+"""Characters of the log of a program that failed: 1,000 lifts make a long one."""
 START_WITHIN_S = 120.0
 """A program that takes longer to start or to end hangs, and is killed. Chosen: on a busy computer our imports take half a minute."""
 SERVES = r"http://[\d.]+:(\d+)/docs"
@@ -211,7 +215,7 @@ def controllers(count: int, beat: int, core: int | None, tls: ssl.SSLContext | N
 
 
 class _Controller(asyncio.Protocol):
-    """Answers every request with the same image, from precomputed bytes."""
+    """Answers a poll with the same image, from precomputed bytes, and any other read with zeros: no output is on."""
 
     def __init__(self, answers: list[bytes]) -> None:
         self._answers = answers
@@ -221,8 +225,13 @@ class _Controller(asyncio.Protocol):
         self._transport = transport
 
     def data_received(self, data: bytes) -> None:
-        self._requests += 1
-        self._transport.write(data[:2] + self._answers[self._requests % len(self._answers)])  # type: ignore[attr-defined]
+        if data[8:12] == _POLLED:
+            self._requests += 1
+            answer = self._answers[self._requests % len(self._answers)]
+        else:
+            size = 2 * data[11]
+            answer = struct.pack(">HHBBB", 0, 3 + size, data[6], data[7], size) + bytes(size)
+        self._transport.write(data[:2] + answer)  # type: ignore[attr-defined]  # a transport for writing
 
 
 def _serve(count: int, beat: int, core: int | None, pipe: Connection, tls: ssl.SSLContext | None) -> None:
@@ -328,9 +337,15 @@ def running(
 
     Yields the match of its ready message; calls `started` with the id of the process.
     """
-    with tempfile.TemporaryFile("w+") as log:
+    # the locks of controllers lie in the temporary folder: another manager on this computer may have had one of these ports
+    with tempfile.TemporaryFile("w+") as log, tempfile.TemporaryDirectory() as locks:
         process = subprocess.Popen(  # noqa: S603  our own program and arguments
-            [sys.executable, *program, *arguments], cwd=tree, stdout=subprocess.PIPE, stderr=log, text=True
+            [sys.executable, *program, *arguments],
+            cwd=tree,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+            env={**os.environ, "TMPDIR": locks},
         )
         try:
             pin(core, process.pid)
@@ -339,7 +354,7 @@ def running(
             yield _first_match(process, pattern)
         except BaseException:
             log.seek(0)
-            print(log.read(), file=sys.stderr)
+            print(log.read()[-LAST_WORDS:], file=sys.stderr)
             raise
         finally:
             process.terminate()

@@ -48,7 +48,7 @@ def main(chosen: argparse.Namespace) -> None:
     """Start everything in turns, print, end."""
     common.allow_files(2 * chosen.lifts)
     site = f"lift-manager serve, {chosen.lifts:,} lifts, until it is ready"
-    with common.controllers(chosen.lifts, 5, None) as ports, tempfile.TemporaryDirectory() as folder:
+    with common.controllers(chosen.lifts, 1, None) as ports, tempfile.TemporaryDirectory() as folder:
         file = common.site_file(Path(folder), {f"lift{port}": port for port in ports}, common.POLL_S)
         starts: dict[str, Callable[[], float]] = {
             PYTHON: partial(ended, "-c", "pass"),
