@@ -18,7 +18,7 @@ import typer
 import yaml
 
 from lift_manager.cli.common import SiteFile, fail, print_lines, print_stderr
-from lift_manager.cli.connection import MANAGER, KeyFile, Manager
+from lift_manager.cli.connection import KeyFile, Manager
 from lift_manager.cli.key_file import key_of
 from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey, tls_context
 from lift_manager.client.client import LiftManagerClient
@@ -29,6 +29,7 @@ from lift_manager.commissioning.output import OutputRefused, check_ending, check
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.tls import path_of
 from lift_manager.lift.journal import RowKind
+from lift_manager.plain.http import MANAGER
 from lift_manager.plain.version import running_version
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import JournalUnreadable, KeysUnusable, StoreUnusable

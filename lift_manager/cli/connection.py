@@ -13,9 +13,9 @@ import typer
 from lift_manager.cli.common import fail
 from lift_manager.cli.key_file import KEY_VARIABLE, KeyFile, key_of
 from lift_manager.cli.tls_options import connection_advice, tls_context
-from lift_manager.client.client import MANAGER, LiftManagerClient
+from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import ClientError, NotAManager, Refused, Unreachable
-from lift_manager.plain.http import Address, BadAddress
+from lift_manager.plain.http import MANAGER, Address, BadAddress
 
 Answer = TypeVar("Answer")
 

@@ -12,11 +12,12 @@ from rich.table import Table
 
 from lift_manager.api.lifts import Lift
 from lift_manager.cli.common import out, print_lines, print_stderr
-from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.states import States
 from lift_manager.lift.state import Quality
+from lift_manager.plain.http import MANAGER
 
 FIRST_WITHIN_S = 5.0
 """Chosen: after this long without an answer, a plain request finds out why."""

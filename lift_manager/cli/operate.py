@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from lift_manager.cli.common import print_lines
-from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.lift.events import Cause
+from lift_manager.plain.http import MANAGER
 
 LiftName = Annotated[str, typer.Argument(metavar="LIFT", help="The lift, by its name in the site file.")]
 By = Annotated[str, typer.Option("--by", metavar="NAME", help="Your name; it is recorded with the action.")]

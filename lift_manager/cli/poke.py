@@ -13,7 +13,7 @@ import typer
 
 from lift_manager.api.lifts import PlannedWrites
 from lift_manager.cli.common import duration_s, fail, print_lines, print_stderr
-from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.keyboard import read_typed
 from lift_manager.cli.loop import cancel_on_signals
 from lift_manager.cli.own_manager import SiteOption, run_directly
@@ -24,6 +24,7 @@ from lift_manager.commissioning.poke.trial import NotPossible, Trial
 from lift_manager.commissioning.poke.unlock import LONGEST_S, Unlock, with_draft
 from lift_manager.commissioning.poke.wording import command_lines, latching_lines, trial_lines
 from lift_manager.lift.commands import CommandState
+from lift_manager.plain.http import MANAGER
 from lift_manager.plain.text import is_printable
 
 Answer = TypeVar("Answer")

@@ -15,13 +15,14 @@ from typing import Annotated
 import typer
 
 from lift_manager.cli.common import print_lines, print_stderr
-from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.keyboard import EnterResult, wait_for_enter
 from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import Refused, Unreachable
 from lift_manager.client.ride import ActiveRide
 from lift_manager.client.ride_step import Step
+from lift_manager.plain.http import MANAGER
 from lift_manager.plain.paths import API, ride_path
 from lift_manager.rides.ride import Guidance, Phase
 

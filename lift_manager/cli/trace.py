@@ -25,7 +25,7 @@ from lift_manager.cli.common import (
     print_stderr,
     read_floors,
 )
-from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.own_manager import SiteOption, run_directly
 from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
@@ -43,6 +43,7 @@ from lift_manager.commissioning.trace.recording import (
     read_recording,
 )
 from lift_manager.commissioning.trace.show import Filter, lines, summary, summary_of
+from lift_manager.plain.http import MANAGER
 from lift_manager.plain.text import counted
 from lift_manager.plain.version import running_version
 from lift_manager.runtime.links import WireFrame

@@ -17,13 +17,14 @@ from rich.table import Table
 from rich.text import Text
 
 from lift_manager.cli.common import fail, out, print_lines
-from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.own_manager import SiteOption, run_directly
 from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import ClientError, Refused, Unreachable
 from lift_manager.commissioning.watch import text
 from lift_manager.commissioning.watch.history import WINDOW_S, Change, History, Row, SignalQuality
+from lift_manager.plain.http import MANAGER
 from register_maps.plain import closest
 
 MIN_POLL_S = 0.1

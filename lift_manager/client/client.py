@@ -38,13 +38,13 @@ from lift_manager.client.states import KnownLift, States
 from lift_manager.client.stream import EventStream
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.plain.backoff import Backoff
+from lift_manager.plain.http import MANAGER
 from lift_manager.plain.paths import API, frames_path, lift_path, part, ride_path, session_path
 from lift_manager.rides.ride import OVER, RideWord
 from register_maps.words import Side
 
 _log = logging.getLogger(__name__)
 
-MANAGER = "http://127.0.0.1:5003"
 MAX_WAIT_S = 30.0
 """The longest that the manager waits for the outcome of a command."""
 

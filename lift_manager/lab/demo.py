@@ -14,11 +14,11 @@ from socket import socket
 from rich.console import Console
 
 from lift_manager import app
-from lift_manager.client.client import MANAGER
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.panel.app import panel_on
 from lift_manager.lab.panel.lift import PanelLift
+from lift_manager.plain.http import MANAGER
 from lift_manager.plain.paths import API
 from lift_manager.plain.signals import stop_on_signals
 from register_maps.codec import compile_map

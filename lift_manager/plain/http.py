@@ -22,6 +22,8 @@ from urllib.parse import urlsplit
 
 DEFAULT_PORT = 5003
 """The manager's own port, for an address that is not a URL."""
+MANAGER = f"http://127.0.0.1:{DEFAULT_PORT}"
+"""Where a manager is if nothing else is given."""
 ANSWER_LIMIT = 16 * 1024 * 1024
 """In bytes. Chosen: a thousand lifts are a tenth of it."""
 _PIECE = 64 * 1024
