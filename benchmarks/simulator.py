@@ -26,6 +26,8 @@ from register_maps.words import Table
 FLOORS = {f"L{number}": number for number in range(1, 9)}
 ANOTHER_FLOOR_S = 8.0
 """A car has arrived and stands with its door open for some of it."""
+REFRESH_S = 1.0
+"""As the map says of robot mode."""
 LIMIT = 100.0
 """Times real time, on one core."""
 
@@ -35,6 +37,7 @@ def play(lifts: int, seconds: float, poll_s: float) -> tuple[float, int]:
     codec, dice = compile_map(load(common.MAP).map), random.Random(1)
     faces = [simulated_lift(codec, FLOORS) for _ in range(lifts)]
     due_s = [dice.uniform(0, ANOTHER_FLOOR_S) for _ in faces]
+    refresh_s = [dice.uniform(0, REFRESH_S) for _ in faces]
     at, reached = [1] * lifts, 0
     began = time.process_time()
     for poll in range(int(seconds / poll_s)):
@@ -44,11 +47,13 @@ def play(lifts: int, seconds: float, poll_s: float) -> tuple[float, int]:
             if words[common.FLOOR] != at[number]:
                 at[number] = words[common.FLOOR]
                 reached += 1
-            # the call is a pulse, and robot mode lasts for 3 s after each write
-            is_due = now >= due_s[number]
-            call = dice.choice(list(FLOORS.values())) if is_due else 0
-            face.write(Table.HOLDING, common.GO_TO, [call, 0, 1], now)
-            due_s[number] += ANOTHER_FLOOR_S * is_due
+            if now >= due_s[number]:
+                # the call is a pulse, which the next refresh ends; robot mode lasts for 3 s after each
+                face.write(Table.HOLDING, common.GO_TO, [dice.choice(list(FLOORS.values())), 0, 1], now)
+                due_s[number] += ANOTHER_FLOOR_S
+            elif now >= refresh_s[number]:
+                face.write(Table.HOLDING, common.GO_TO, [0, 0, 1], now)
+                refresh_s[number] += REFRESH_S
     return time.process_time() - began, reached
 
 
