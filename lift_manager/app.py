@@ -14,10 +14,10 @@ from zoneinfo import ZoneInfo
 
 from drivers.driver import LiftDriver
 from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.controller_lock import controller_lock
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
-from drivers.modbus.lock import controller_lock
-from drivers.modbus.plan import polled_points
+from drivers.modbus.read_plan import polled_points
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.tls import LinkTls
 from drivers.modbus.units import Unit

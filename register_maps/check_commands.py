@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from register_maps.address import Place
 from register_maps.check_confirm import is_known
 from register_maps.check_signals import check_codes
+from register_maps.error_texts import closest
 from register_maps.errors import Problem
-from register_maps.plain import closest
 from register_maps.schema import CALLS, COMMANDS, Command, RegisterMap
 from register_maps.words import BIT_TABLES, WRITABLE_TABLES, Table
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from register_maps.check_claims import bits_at, readable_addresses, signal_bits
+from register_maps.error_texts import closest
 from register_maps.errors import Problem
-from register_maps.plain import closest
 from register_maps.schema import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, Command, Kind, RegisterMap
 from register_maps.vocabulary import LAMPS
 from register_maps.words import Side

@@ -7,8 +7,8 @@ from collections.abc import Set as AbstractSet
 
 from register_maps.check_blocks import Cell, blocked_cells
 from register_maps.check_confirm import is_known
+from register_maps.error_texts import closest
 from register_maps.errors import Problem
-from register_maps.plain import closest
 from register_maps.schema import SIGNALS, Command, RegisterMap, Signal
 from register_maps.words import Side
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from register_maps import address
 from register_maps.address import HIGHEST, MODICON, Place
+from register_maps.error_texts import closest
 from register_maps.errors import Problem
-from register_maps.plain import closest
 from register_maps.schema import Addressing, RegisterMap, Served
 from register_maps.words import Table
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
+from register_maps.error_texts import closest
 from register_maps.errors import Problem
-from register_maps.plain import closest
 from register_maps.schema import SIGNALS, WORDS, Kind, RegisterMap, Signal
 from register_maps.signal_codec import highest_bcd, number_range
 from register_maps.signal_schema import PLACE_KEYS

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from register_maps import signal_schema
+from register_maps.error_texts import closest
 from register_maps.errors import Problem
-from register_maps.plain import closest
 
 KeyPath = tuple[str | int, ...]
 ParameterValue = int | float | str

@@ -13,10 +13,10 @@ from typing import Any
 from register_maps.check import check
 from register_maps.check_places import check_served, find_unreadable
 from register_maps.draft_7 import draft_7_text
+from register_maps.error_texts import closest
 from register_maps.errors import Finding, MapFileError, Problem
 from register_maps.expand import CHANGEABLE, ParameterValue, fill, find_unused, overlay
 from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
-from register_maps.plain import closest
 from register_maps.schema import RegisterMap
 from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_validate
 

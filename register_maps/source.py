@@ -20,9 +20,9 @@ from typing import Any, Generic, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from register_maps.error_texts import explain_error, for_example
 from register_maps.errors import Finding, MapFileError
 from register_maps.nodes import ALIAS, TAG, Notes, compose
-from register_maps.plain import explain_error, for_example
 
 __all__ = [
     "LEFT_OUT",

@@ -16,7 +16,7 @@ from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.output import FIGHT_S, MOST_PRESSES, Cells, matches, read_values
 from drivers.modbus.outputs import Outputs
-from drivers.modbus.plan import plan_reads
+from drivers.modbus.read_plan import plan_reads
 from drivers.modbus.steps import Phase
 from drivers.modbus.units import Units
 from register_maps.codec import Cell, Codec, CommandCodec, Point

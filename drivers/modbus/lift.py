@@ -20,8 +20,8 @@ from drivers.modbus.link import Link
 from drivers.modbus.output_worker import OutputWorker
 from drivers.modbus.outputs import Outputs
 from drivers.modbus.permission import Permissions, closes_to_release
-from drivers.modbus.plan import plan_poll
 from drivers.modbus.presses import Press, Presses
+from drivers.modbus.read_plan import plan_poll
 from drivers.modbus.reading import lift_values
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.signals import Signals

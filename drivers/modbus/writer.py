@@ -8,7 +8,7 @@ from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.confirm import confirmation_of
 from drivers.modbus.output import Cells, matches
-from drivers.modbus.plan import plan_reads
+from drivers.modbus.read_plan import plan_reads
 from drivers.modbus.steps import READ_ONLY_KINDS, Step, StepKind
 from drivers.modbus.transactions import Permit
 from drivers.modbus.units import Units

@@ -48,7 +48,7 @@ from lift_manager.commissioning.doctor.subjects import (
 from lift_manager.commissioning.maps_check import unset_text
 from lift_manager.config.load import LoadedSite
 from lift_manager.plain.version import running_version
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 
 CANNOT_RUN = 2
 

@@ -10,7 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
 from lift_manager.plain.version import running_version
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 
 COMMANDS = {
     "demo": "lab:demo",

@@ -48,7 +48,7 @@ from lift_manager.plain.text import counted
 from lift_manager.plain.version import running_version
 from lift_manager.runtime.links import WireFrame
 from lift_manager.web.events.frames import encode_frame
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 
 app = typer.Typer(
     no_args_is_help=True, help="Record every Modbus frame of a link, for Wireshark too, and read what was recorded."

@@ -25,7 +25,7 @@ from lift_manager.client.errors import ClientError, Refused, Unreachable
 from lift_manager.commissioning.watch import text
 from lift_manager.commissioning.watch.history import WINDOW_S, Change, History, Row, SignalQuality
 from lift_manager.plain.http import MANAGER
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 
 MIN_POLL_S = 0.1
 """Chosen: nobody reads faster, and ten requests a second are little work for a manager."""

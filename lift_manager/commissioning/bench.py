@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice, MemoryWire, Reply
-from drivers.modbus.plan import plan_poll
+from drivers.modbus.read_plan import plan_poll
 from drivers.modbus.steps import Step
 from drivers.modbus.units import Unit, Units
 from drivers.modbus.writer import Writer

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drivers.modbus.lock import controller_lock
+from drivers.modbus.controller_lock import controller_lock
 from drivers.modbus.wire import OnBytes, PymodbusWire, Wire
 from lift_manager.config.check import canonical_host
 from register_maps import frames, identification

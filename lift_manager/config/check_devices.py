@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift
 from register_maps.codec import Codec
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 
 
 def check_devices(key: Key, lift: Lift, codec: Codec) -> Iterator[Problem]:

@@ -12,6 +12,7 @@ from lift_manager.lift.config import LiftConfig, door_hold
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.events import hold_spent_text
 from lift_manager.lift.inhibits import barred_by, why_no_close, why_no_press
+from lift_manager.lift.lease import hold_ends_at, releases_at
 from lift_manager.lift.observation import (
     Observation,
     has_departed,
@@ -19,13 +20,7 @@ from lift_manager.lift.observation import (
     robot_mode_granted,
 )
 from lift_manager.lift.record import DoorClosing, DoorHold, LiftRecord
-from lift_manager.lift.session import (
-    EndReason,
-    Session,
-    door_opened_at_target,
-    hold_ends_at,
-    releases_at,
-)
+from lift_manager.lift.session import EndReason, Session, door_opened_at_target
 from register_maps.words import Door, Side
 
 UNGRANTED_S = 30.0

@@ -25,13 +25,9 @@ from lift_manager.lift.events import (
     unclaimed_text,
 )
 from lift_manager.lift.inhibits import held_by_another
-from lift_manager.lift.observation import (
-    Observation,
-    has_no_open_door,
-    is_on_fire,
-    may_be_moving,
-    robots_forbidden,
-)
+from lift_manager.lift.lease import time_is_over
+from lift_manager.lift.modes import is_on_fire, robots_forbidden
+from lift_manager.lift.observation import Observation, has_no_open_door, may_be_moving
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.record import Silence
 from lift_manager.lift.refusals import STOPPING, Refusal, Refused, how_to_acknowledge
@@ -46,7 +42,6 @@ from lift_manager.lift.session import (
     advise,
     announce_end,
     end_by_holder,
-    time_is_over,
 )
 from register_maps.words import Mode
 

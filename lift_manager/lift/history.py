@@ -34,20 +34,13 @@ from lift_manager.lift.draft import Draft
 from lift_manager.lift.events import CommandFollowed
 from lift_manager.lift.inhibits import waits_for
 from lift_manager.lift.inputs import OpenSession
+from lift_manager.lift.lease import hold_ends_at, lease_ends_at, longest_until, releases_at
 from lift_manager.lift.observation import Moment
 from lift_manager.lift.occupancy import Occupancy
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.robot_door import invites_until
-from lift_manager.lift.session import (
-    EndReason,
-    Holder,
-    Session,
-    hold_ends_at,
-    lease_ends_at,
-    longest_until,
-    releases_at,
-)
+from lift_manager.lift.session import EndReason, Holder, Session
 
 
 def session_info(config: LiftConfig, record: LiftRecord, session: Session, moment: Moment) -> SessionInfo:

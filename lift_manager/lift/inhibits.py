@@ -13,13 +13,8 @@ from lift_manager.lift.call import call_command
 from lift_manager.lift.config import ROBOT_IN_PLACE, LiftConfig
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.freshness import age_s, fresh
-from lift_manager.lift.observation import (
-    Moment,
-    doubt_at,
-    is_on_fire,
-    robots_forbidden,
-    unreadable_fire_signal,
-)
+from lift_manager.lift.modes import is_on_fire, robots_forbidden, unreadable_fire_signal
+from lift_manager.lift.observation import Moment, doubt_at
 from lift_manager.lift.occupancy import Occupancy, occupancy_matters
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import (

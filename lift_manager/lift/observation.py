@@ -12,7 +12,8 @@ from datetime import datetime
 from enum import StrEnum, unique
 
 from drivers.model import Capabilities, FloorName, LiftReading, LiftValues
-from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
+from lift_manager.lift.modes import robots_forbidden
+from register_maps.words import Door, Motion, Side
 
 MOVING = frozenset({Motion.UP, Motion.DOWN, Motion.MOVING})
 """Motions of a car that does not stand."""
@@ -116,11 +117,6 @@ def observe(
 # -- what robots may do
 
 
-def robots_forbidden(mode: Mode) -> bool:
-    """Whether a mode belongs to people: nothing is pressed and no robot is invited in it."""
-    return mode in ROBOT_FORBIDDEN_MODES
-
-
 def permissions_needed(capabilities: Capabilities, *, aboard: bool | None) -> frozenset[str]:
     """Return the flags of this map of which one must be given before the robot drives; `aboard` is None where nobody knows."""
     wanted = {True: {"may_leave"}, False: {"may_enter"}, None: {"may_enter", "may_leave"}}
@@ -152,23 +148,6 @@ def doubt_at(observation: Observation | None, floor: FloorName | None) -> str:
     if observation is None or observation.floor != floor:
         return ""
     return observation.doubt if Door.OPEN in observation.values.doors.values() else ""
-
-
-# -- fire
-
-
-def is_on_fire(values: LiftValues) -> bool:
-    """Whether any signal tells of fire, whatever else the mode is."""
-    flags = values.flags
-    return values.mode is Mode.FIRE or values.fire_word or flags.get("fire", False) or flags.get("fireman", False)
-
-
-def unreadable_fire_signal(values: LiftValues, capabilities: Capabilities) -> str | None:
-    """Return the signal without which nobody knows whether there is a fire; None when all of them can be read."""
-    for flag in ("fire", "fireman"):
-        if flag in capabilities.signals and flag not in values.flags:
-            return flag
-    return "mode" if values.mode is Mode.UNKNOWN or "mode" in values.unknown else None
 
 
 # -- the car and its doors

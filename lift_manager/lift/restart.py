@@ -23,19 +23,11 @@ from lift_manager.lift.draft import Draft
 from lift_manager.lift.endings import advice_now, alarm_of_robot, release_given
 from lift_manager.lift.events import RestrictionKind, SessionEnded, SessionRestored
 from lift_manager.lift.inhibits import restriction_text
+from lift_manager.lift.lease import lease_ends_at, lease_of
 from lift_manager.lift.occupancy import Occupancy, OccupancyAtEnd, SavedBoarding
 from lift_manager.lift.record import DoorHold, DurableRecord, LiftRecord, Occupied, RobotModeHold, SavedSession
 from lift_manager.lift.robot_mode_output import kept_after
-from lift_manager.lift.session import (
-    BY_HOLDER,
-    EndReason,
-    Holder,
-    Session,
-    SessionEnd,
-    lease_ends_at,
-    lease_of,
-    policy_for,
-)
+from lift_manager.lift.session import BY_HOLDER, EndReason, Holder, Session, SessionEnd, policy_for
 
 RENEWED_EVERY_S = 10.0
 """A lease that is merely renewed is saved at most so often, and four times in its length, but never more than once a second: a

@@ -7,6 +7,7 @@ import math
 from lift_manager.lift import doors
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import RestrictionKind
+from lift_manager.lift.lease import releases_at
 from lift_manager.lift.observation import (
     Moment,
     Observation,
@@ -17,7 +18,7 @@ from lift_manager.lift.observation import (
 )
 from lift_manager.lift.occupancy import is_aboard
 from lift_manager.lift.record import LiftRecord
-from lift_manager.lift.session import Session, releases_at
+from lift_manager.lift.session import Session
 
 OBEYS_WITHIN_S = 0.15
 """From the moment an output reads back as on until the lift acts on it. Chosen: longer than a scan of a slow PLC (0.1 s); a relay

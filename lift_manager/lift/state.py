@@ -14,6 +14,7 @@ from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.freshness import age_s, fresh
 from lift_manager.lift.inhibits import clock_text, offline_reason, restriction_text, waits_for
+from lift_manager.lift.lease import releases_at
 from lift_manager.lift.observation import (
     Moment,
     Observation,
@@ -24,7 +25,7 @@ from lift_manager.lift.observation import (
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import how_to_acknowledge
 from lift_manager.lift.robot_door import robot_door
-from lift_manager.lift.session import Holder, releases_at
+from lift_manager.lift.session import Holder
 from lift_manager.lift.trust import TRIPS
 from register_maps.words import Door, Mode, Motion, Side
 

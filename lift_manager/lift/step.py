@@ -47,12 +47,13 @@ from lift_manager.lift.inputs import (
     Tick,
     Unrestrict,
 )
+from lift_manager.lift.lease import longest_until, releases_at
 from lift_manager.lift.observation import Moment, Observation, observe
 from lift_manager.lift.record import DurableRecord, LiftRecord
 from lift_manager.lift.refusals import Accepted, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.robot_door import invites_until
-from lift_manager.lift.session import Session, longest_until, releases_at
+from lift_manager.lift.session import Session
 from lift_manager.lift.trust import OPEN_FOR_S, OwnCommands, judge
 
 Reply = (

@@ -16,7 +16,8 @@ from enum import StrEnum, unique
 from drivers.model import Capabilities, FloorName
 from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.config import LiftConfig
-from lift_manager.lift.observation import MOVING, Observation, is_shut, robots_forbidden
+from lift_manager.lift.modes import robots_forbidden
+from lift_manager.lift.observation import MOVING, Observation, is_shut
 from register_maps.vocabulary import CALLS
 from register_maps.words import Door, Motion, Side
 

@@ -11,8 +11,8 @@ from itertools import combinations
 from math import hypot
 
 from lift_manager.rmf.building_file import BuildingMap, LiftVertex, MapLift, NavGraph
+from register_maps.error_texts import closest
 from register_maps.errors import Finding
-from register_maps.plain import closest
 
 ALIGNED_M = 0.1
 """rmf_fleet_adapter refuses a graph in which the vertices of one lift lie further apart (`agv/parse_graph.cpp`)."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import ControllerTaken, LockUnusable
-from drivers.modbus.lock import controller_lock
+from drivers.modbus.controller_lock import controller_lock
 from drivers.own_files import is_shared, make_own, open_own, read_own
 
 

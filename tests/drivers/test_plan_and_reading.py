@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.modbus.capabilities import LiftSettings, capabilities
-from drivers.modbus.plan import PlanError, plan_poll, plan_reads, polled_points
+from drivers.modbus.read_plan import PlanError, plan_poll, plan_reads, polled_points
 from drivers.modbus.reading import lift_mode, lift_values
 from register_maps.codec import Block, Point, compile_map
 from register_maps.load import MapChanges, load

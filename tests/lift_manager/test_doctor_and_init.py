@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from drivers.errors import ControllerTaken
-from drivers.modbus.lock import controller_lock
+from drivers.modbus.controller_lock import controller_lock
 from tests.support.forked import Forked
 from tests.support.programs import HANGS_S, Started, call, eventually, free_port
 from tests.support.rows import each_row

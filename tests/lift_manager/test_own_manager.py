@@ -11,7 +11,7 @@ import httpx
 import pytest
 import typer
 
-from drivers.modbus.lock import controller_lock
+from drivers.modbus.controller_lock import controller_lock
 from lift_manager.cli.own_manager import run_directly
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import Refused

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.modbus.plan import plan_reads
+from drivers.modbus.read_plan import plan_reads
 from register_maps.codec import UNLISTED, Block, Codec, SignalCodec, compile_map
 from register_maps.schema import RegisterMap
 from register_maps.words import BIT_TABLES, Door

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.modbus.plan import plan_reads
+from drivers.modbus.read_plan import plan_reads
 from register_maps.codec import UNLISTED, Codec, Value
 from register_maps.errors import MapFileError
 from register_maps.points import Block

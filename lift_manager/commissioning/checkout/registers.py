@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping, Sequence
 
-from drivers.modbus.plan import plan_reads
+from drivers.modbus.read_plan import plan_reads
 from lift_manager.commissioning.checkout.record import ConstantWord, Fingerprint, Latency, ServedRange, now
 from lift_manager.commissioning.prober import Prober
 from register_maps.codec import Block, Codec, Point, Unlisted, Value

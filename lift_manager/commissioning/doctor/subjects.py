@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from drivers.modbus.plan import plan_poll, plan_reads, polled_points
+from drivers.modbus.read_plan import plan_poll, plan_reads, polled_points
 from lift_manager.commissioning.wording import wire
 from lift_manager.config.devices import POLL_S, Device
 from lift_manager.config.devices import devices as devices_of

@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable, Iterator
 from ipaddress import ip_address
 
-from drivers.modbus.plan import plan_reads, polled_points
+from drivers.modbus.read_plan import plan_reads, polled_points
 from drivers.modbus.writes import read_back_blocks
 from lift_manager.commissioning.network.errors import UnknownHost
 from lift_manager.commissioning.network.model import MapUse, Network, Span, Station, Unit, Write, joined

@@ -18,7 +18,7 @@ from lift_manager.api.lifts import Lift, LiftCapabilities, LiftCommand, LiftComm
 from lift_manager.lift.call import ACKNOWLEDGEMENTS, calls_in_order
 from lift_manager.lift.commands import CommandType
 from lift_manager.lift.state import Quality
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 from register_maps.words import Door, Side
 
 ROBOT_MODE = "robot_mode"

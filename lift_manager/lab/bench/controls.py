@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drivers.model import FloorName
 from lift_manager.lab.bench.errors import BenchError
 from lift_manager.lab.bench.naming import mistakes_of
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 from register_maps.words import Side
 from simulator.faults import Fault
 from simulator.modes import Key

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from lift_manager.lab.bench.errors import BenchError
 from lift_manager.lab.scenario.faults import DEVICE_FAULTS, READY, WIRE
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 from simulator.faults import Fault, ForeignWriter
 from simulator.wire_faults import WireFault
 

@@ -15,9 +15,9 @@ from lift_manager.lab.bench.errors import BenchError
 from lift_manager.lab.bench.naming import device_fault
 from lift_manager.lab.plant import default_floors
 from register_maps.codec import Codec, compile_map
+from register_maps.error_texts import closest
 from register_maps.errors import MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
-from register_maps.plain import closest
 from register_maps.words import Side
 from simulator.faults import Fault
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, create_model
 
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name, kind_name
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 from register_maps.source import KeyPath
 from simulator.faults import Fault, ForeignWriter, MachineFault, NetworkFault, RegisterFault
 from simulator.people import Traffic

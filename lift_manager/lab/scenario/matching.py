@@ -9,7 +9,7 @@ from typing import Any
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.trace import Entry, Value
 from lift_manager.lab.scenario.vocabulary import KINDS, LISTS, Field, ValueType
-from register_maps.plain import closest
+from register_maps.error_texts import closest
 from register_maps.source import KeyPath
 
 COMPARISONS = ("above", "below", "contains", "not")

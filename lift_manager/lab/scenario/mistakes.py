@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from register_maps.error_texts import explain_error
 from register_maps.errors import Finding
-from register_maps.plain import explain_error
 from register_maps.source import KeyPath, Source
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.modbus.plan import plan_poll
+from drivers.modbus.read_plan import plan_poll
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.lab.world.lift_under_test import LiftUnderTest, PolledBlock

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import ConnectFailed, ConnectProblem, ControllerTaken
-from drivers.modbus.lock import controller_lock
+from drivers.modbus.controller_lock import controller_lock
 from drivers.modbus.memory import MemoryDevice, MemoryWire, Reply, edited, exception, hang_up, late, silence
 from drivers.modbus.wire import Wire
 from lift_manager.commissioning.prober import GAP_S, TIMEOUT_S, Identity, Prober, open_prober

@@ -6,12 +6,12 @@ import pytest
 
 from drivers.model import Capabilities, LiftReading, LiftValues
 from lift_manager.lift.inhibits import barred_by
+from lift_manager.lift.modes import is_on_fire
 from lift_manager.lift.observation import (
     Observation,
     RobotDoor,
     door_by_signals,
     has_departed,
-    is_on_fire,
     observe,
     permissions_needed,
 )

@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lift_manager.lift import restart
+from lift_manager.lift import lease, restart
 from lift_manager.lift import session as sessions
 from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.draft import Draft
@@ -82,7 +82,7 @@ def test_a_restart_counts_the_time_that_it_took() -> None:
     session = restored(saved(opened(), 160.0), 5.0, AT + timedelta(seconds=40))
     assert (session.is_restored, session.contacted_at) == (True, None)
     assert 5.0 - session.opened_at == 100.0
-    assert sessions.lease_ends_at(session, CONFIG) == 5.0 + LEASE_S - 100.0
+    assert lease.lease_ends_at(session, CONFIG) == 5.0 + LEASE_S - 100.0
 
 
 @given(age_s=seconds, back_s=seconds, now=seconds)
@@ -96,7 +96,7 @@ def test_no_clock_makes_a_lease_longer_than_one_lease(age_s: float, gone_s: floa
     written = saved(opened(at=0.0), age_s)
     moment = Moment(now, AT + timedelta(seconds=gone_s + jump_s))
     session = start(CONFIG, DurableRecord(session=written), moment).record.session
-    rest_s = 0.0 if session is None else sessions.lease_ends_at(session, CONFIG) - now
+    rest_s = 0.0 if session is None else lease.lease_ends_at(session, CONFIG) - now
     assert rest_s <= LEASE_S + 1e-3
     if jump_s >= 0:
         # its robot may be in the doorway
@@ -143,15 +143,15 @@ def test_another_caller_is_refused_with_who_holds_it_and_since_when() -> None:
 def test_a_hand_over_renews_the_lease_and_not_the_limit() -> None:
     session = sessions.hand_session_over(opened(at=0.0), CONFIG, OTHER, "new", 50.0)
     assert (session.holder, session.id) == (OTHER, "new")
-    assert sessions.lease_ends_at(session, CONFIG) == 50.0 + LEASE_S
-    assert sessions.longest_until(session, CONFIG) == 3600.0
+    assert lease.lease_ends_at(session, CONFIG) == 50.0 + LEASE_S
+    assert lease.longest_until(session, CONFIG) == 3600.0
 
 
 def test_a_face_that_cannot_renew_has_a_limit_and_no_lease() -> None:
     assert "rmf" in sessions.NO_LEASE
     session = opened(RMF)
-    assert sessions.lease_ends_at(session, CONFIG) == math.inf
-    assert sessions.longest_until(session, CONFIG) == 3700.0
+    assert lease.lease_ends_at(session, CONFIG) == math.inf
+    assert lease.longest_until(session, CONFIG) == 3700.0
 
 
 @each_row(
