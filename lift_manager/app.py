@@ -178,6 +178,7 @@ def lift_config(name: str, loaded: LoadedSite, driver: LiftDriver) -> LiftConfig
         between_sessions_s=spec.between_sessions_s,
         fire_release_delay_s=spec.fire_release_delay_s,
         poll_s=loaded.poll_s(name),
+        poll_ridden_s=loaded.poll_ridden_s(name),
         checkout=loaded.checkouts.get(name),
         rmf_name=spec.rmf.name or "",
         rmf_floors=spec.rmf.floors,

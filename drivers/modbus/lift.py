@@ -104,7 +104,6 @@ class ModbusLift:
             self._reports,
         )
         self._check_floors()
-        self._loop: asyncio.AbstractEventLoop | None = None
         self.capabilities = capabilities(codec, self._blocks, settings)
 
     def _new_permissions(self) -> Permissions:
@@ -151,20 +150,19 @@ class ModbusLift:
 
     async def read(self) -> LiftReading:
         """Poll once. Raises DriverError."""
-        units, reports, loop = self._units, self._reports, self._loop
-        if loop is None:
-            # cached: Python 3.11 makes a system call (getpid) each time it looks up its loop
-            loop = self._loop = asyncio.get_running_loop()
-        at, epoch = loop.time(), units.epoch
-        requested_at: tuple[float, ...] = (at,)
+        units, reports = self._units, self._reports
+        epoch = units.epoch
         if len(self._requests) == 1:
             block, link, request = self._requests[0]
             try:
                 payloads: tuple[bytes, ...] = (await link.read(request),)
             except ControllerException as error:
                 raise await self._diagnosis.explain(error, block) from error
+            at = link.asked_at
+            requested_at: tuple[float, ...] = (at,)
         else:
-            payloads, requested_at = await self._read_blocks(loop)
+            payloads, requested_at = await self._read_blocks()
+            at = requested_at[0]
         if units.epoch != epoch:
             raise ConnectionLost(self._name, "poll", "the connection was replaced in the middle of it")
         is_new = epoch != self._epoch
@@ -280,16 +278,16 @@ class ModbusLift:
         """Return the code that a command writes; None for a floor that the site does not have."""
         return self._settings.floors.get(command.floor) if command.floor is not None else 1
 
-    async def _read_blocks(self, loop: asyncio.AbstractEventLoop) -> tuple[tuple[bytes, ...], tuple[float, ...]]:
+    async def _read_blocks(self) -> tuple[tuple[bytes, ...], tuple[float, ...]]:
         """Return the content of each block, and when it was requested."""
         payloads: list[bytes] = []
         requested_at: list[float] = []
         for block, link, request in self._requests:
-            requested_at.append(loop.time())
             try:
                 payloads.append(await link.read(request))
             except ControllerException as error:
                 raise await self._diagnosis.explain(error, block) from error
+            requested_at.append(link.asked_at)
         return tuple(payloads), tuple(requested_at)
 
     def _update_values(self, changed: frozenset[str], at: float) -> LiftValues:

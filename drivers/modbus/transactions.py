@@ -102,8 +102,9 @@ class Transactions:
         self._commands: list[_Job] = []
         self._reads: list[_Job] = []
         self._job: _Job | None = None
-        self._sent_at = 0.0
-        self._deadline = 0.0
+        self._sent_at = self.asked_at = 0.0
+        """When the newest request left, and when that one did whose answer came last."""
+        self._deadline = self._timer_at = 0.0
         self._overdue: dict[int, tuple[float, Latency]] = {}
         """Requests not answered in time, by transaction id: when they were sent, and the estimator of their unit."""
         self._timeouts_in_a_row = 0
@@ -117,7 +118,6 @@ class Transactions:
         self._unpaused = 0
         """Transactions since the last deliberate pause."""
         self._timer: asyncio.Handle | None = None
-        self._timer_at = 0.0
         self._gap: asyncio.Handle | None = None
         self._busy_pause: asyncio.Handle | None = None
 
@@ -189,7 +189,8 @@ class Transactions:
             if not future.done():
                 future.set_result(payload)
         now, stats = self._loop.time(), self._stats
-        took_s = now - self._sent_at
+        self.asked_at = sent_at = self._sent_at
+        took_s = now - sent_at
         stats.answered_at = now
         # not `add`: this runs for every answer, and the call costs as much as the rest
         trips = stats.round_trips

@@ -124,6 +124,13 @@ def _check_timing(
     if poll_s < least_s:
         message = f"a poll every {poll_s:g} s is faster than the controller takes it: {least_s:g} s is the least (min_poll_s); leave `poll_s` out"
         yield Problem((*key, "poll_s"), message)
+    ridden_s = poll_s if lift.poll_ridden_s is None else lift.poll_ridden_s
+    if ridden_s < least_s <= poll_s:
+        message = f"a poll every {ridden_s:g} s is faster than the controller takes it: {least_s:g} s is the least (min_poll_s); leave `poll_ridden_s` out"
+        yield Problem((*key, "poll_ridden_s"), message)
+    if ridden_s > poll_s:
+        message = f"a lift that a session has is polled every {ridden_s:g} s, less often than at rest (poll_s {poll_s:g}): leave `poll_ridden_s` out"
+        yield Problem((*key, "poll_ridden_s"), message)
     if poll_s * 2 > max_age_s:
         message = f"a poll every {poll_s:g} s is too slow for max_age_s {max_age_s:g}: one lost poll would take the lift offline"
         yield Problem((*key, "max_age_s" if lift.poll_s is None and lift.max_age_s is not None else "poll_s"), message)

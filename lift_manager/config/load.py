@@ -12,7 +12,7 @@ from lift_manager.config.announcements import announcement_cautions, find_announ
 from lift_manager.config.check import check_site
 from lift_manager.config.check_floors import unused_codes
 from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
-from lift_manager.config.devices import POLL_S, Device, devices, least_poll_s, links
+from lift_manager.config.devices import POLL_RIDDEN_S, POLL_S, Device, devices, least_poll_s, links
 from lift_manager.config.maps import compile_maps, is_value_table, load_maps, tables
 from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
@@ -52,7 +52,7 @@ _STAND_INS: StandIns = {
     ),
 }
 """Substitutes for wrong values that do not concern lifts, so that the lifts are checked as well."""
-_LINK_KEYS = frozenset({"poll_s", "max_age_s", "controller"})
+_LINK_KEYS = frozenset({"poll_s", "poll_ridden_s", "max_age_s", "controller"})
 """Keys of a lift that are checked against the needs of its controller."""
 
 
@@ -102,6 +102,12 @@ class LoadedSite:
         """Seconds from one poll of a lift to the next."""
         configured = self.site.lifts[lift].poll_s
         return max(POLL_S, least_poll_s(self._devices(lift), self.links)) if configured is None else configured
+
+    def poll_ridden_s(self, lift: str) -> float:
+        """Seconds from one poll of a lift to the next while a session has it."""
+        configured, poll_s = self.site.lifts[lift].poll_ridden_s, self.poll_s(lift)
+        least_s = max(POLL_RIDDEN_S, least_poll_s(self._devices(lift), self.links))
+        return min(poll_s, least_s) if configured is None else configured
 
     def cautions(self) -> Iterator[str]:
         """Cautions for people at every start, a line each."""

@@ -17,6 +17,8 @@ LIFT_NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$"
 """What a lift may be named: it stands in addresses, file names and commands as it is."""
 CLEARS_IN_A_LIMIT = 3
 """A lease is at least this many times `clear_s`. Chosen: two thirds of it are left for crossing."""
+APART = 0.75
+"""Share of `poll_s` between two readings that count as two. Chosen: polls at this pace always do, though one may start a little late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,10 @@ class LiftConfig:
     fire_release_delay_s: float = 0.0
     """From telling robots of a fire to releasing everything."""
     poll_s: float = 0.2
+    """From one poll to the next."""
+    poll_ridden_s: float = math.inf
+    """The same while a session has the lift and the controller answers quickly, and from a press to the next poll; `poll_s` where that
+    is less."""
     checkout: Checkout | None = None
     """None where nobody looked for one, or it was not found."""
     rmf_name: str = ""
@@ -98,6 +104,11 @@ class LiftConfig:
         if released_after_s < self.max_session_hold_s:
             return HoldLimit(released_after_s, "the controller")
         return HoldLimit(self.max_session_hold_s, "the site")
+
+    @property
+    def readings_apart_s(self) -> float:
+        """Return how far apart two readings are at the least that count as two."""
+        return APART * self.poll_s
 
     def lease_for(self, ttl_s: float | None) -> float | None:
         """Return the lease of a session that was requested with `ttl_s`; one shorter than three times `clear_s` is raised to that."""

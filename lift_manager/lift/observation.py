@@ -54,10 +54,12 @@ class Observation:
     """Since when the car has been reported at the same floor without a break."""
     mode_since: float
     """When the present mode was first read."""
+    evidence_since: float
+    """Since when the evidence for an open door has been read without a change."""
     is_standing: bool
     """By the map's evidence the car stands at `values.floor`."""
     is_agreed: bool
-    """The evidence for an open door came in one piece, or two readings in a row agree on it."""
+    """That evidence came in one piece, or readings agree on it that are far enough apart to be two for the controller too."""
     is_settled: bool
     """Another reading with the same values would tell nothing new."""
     follows: bool = False
@@ -86,15 +88,20 @@ class Observation:
 
 
 def observe(
-    before: Observation | None, reading: LiftReading, capabilities: Capabilities, *, gap_s: float
+    before: Observation | None, reading: LiftReading, capabilities: Capabilities, *, gap_s: float, apart_s: float
 ) -> Observation:
-    """Add one reading to what was known before it, `gap_s` seconds earlier."""
+    """Add one reading to what was known before it, `gap_s` seconds earlier.
+
+    Readings that are not `apart_s` apart may be the same to a gateway, which answers from a memory that it fills at its own pace.
+    """
     values, previous = reading.values, None
     if before is not None and before.epoch == reading.epoch and gap_s <= capabilities.max_age_s:
         previous = before
     same_floor = previous is not None and previous.values.floor == values.floor
     floor_since = previous.floor_since if previous is not None and same_floor else reading.at
-    agreed = capabilities.one_block or (previous is not None and _evidence(previous.values) == _evidence(values))
+    same_evidence = previous is not None and _evidence(previous.values) == _evidence(values)
+    evidence_since = previous.evidence_since if previous is not None and same_evidence else reading.at
+    agreed = capabilities.one_block or (same_evidence and reading.at - evidence_since >= apart_s)
     standing = values.floor is not None and _stands(values, capabilities, reading.at - floor_since)
     waits = capabilities.evidence == "position_stable" and values.floor is not None and not standing
     not_open = _not_open_since(previous, values, capabilities, reading.at) if capabilities.open_contacts else {}
@@ -105,6 +112,7 @@ def observe(
         reading.epoch,
         floor_since,
         before.mode_since if before is not None and same_mode else reading.at,
+        evidence_since,
         standing,
         agreed,
         is_settled=agreed and not waits and not closing,

@@ -222,7 +222,7 @@ def _take_reading(draft: Draft, reading: LiftReading) -> None:
     draft.moment = replace(draft.moment, read_at=at)
     for notice in reading.notices:
         draft.alarm(notice, draft.session.holder if draft.session is not None else None)
-    observation = observe(before, reading, config.capabilities, gap_s=gap_s)
+    observation = observe(before, reading, config.capabilities, gap_s=gap_s, apart_s=config.readings_apart_s)
     observation, alarms = _judged(draft, observation, at)
     draft.change(
         observation=observation, fault=_late_text(config, draft.now - at), departed_at=_departed(draft, observation, at)

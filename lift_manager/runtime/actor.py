@@ -51,6 +51,7 @@ from lift_manager.runtime.inbox import Inbox
 from lift_manager.runtime.journal import LiftJournal
 from lift_manager.runtime.outputs import LiftOutputs
 from lift_manager.runtime.recorder import Clock, Recorder, SavedLift, wall_clock
+from lift_manager.runtime.ticker import Pause
 
 _log = logging.getLogger(__name__)
 
@@ -91,6 +92,8 @@ class LiftActor:
         """The rides that are saved with it."""
         self.journal = LiftJournal(config.name, driver.source, recorder)
         self.inbox = Inbox(self._take)
+        self.pause = Pause()
+        """Between two polls."""
         self.outputs = LiftOutputs(config, driver, recorder, self.journal, self.inbox)
         self._bus = bus
         self._recorder = recorder
@@ -150,6 +153,7 @@ class LiftActor:
             case Written(name, what):
                 if what == "press":
                     self.outputs.written(name)
+                    self.pause.end_by(_now() + self.config.poll_ridden_s)  # it is read whether the lift took it
                 saved = self.record.durable.session  # what is released at the end is still of the session that rests
                 self.journal.wrote(None if saved is None else saved.holder, item)
             case DriverFailed(reason):

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import math
 
 from drivers.errors import DriverError
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.ticker import Ticker
+
+QUICK = 0.25
+"""Share of `poll_ridden_s` that the slowest recent poll may take for a lift to be polled at that pace: beyond it, more polls would fill the
+line that commands have to take too."""
+FORGETS = 0.97
+"""Decay of the slowest poll with each poll. Chosen: one slow poll in a hundred does not decide, and after one that takes twice as long as
+it may the pace is back within 24 polls."""
 
 
 class LiftPoll:
@@ -22,14 +28,17 @@ class LiftPoll:
         self._actor = actor
         self._first_poll_s = first_poll_s
         self._ticker = ticker or Ticker()
+        self._slowest_s = 0.0
+        """The slowest recent poll, decaying; the wait for other lifts on its line, and for our own loop, counts too."""
 
     async def run(self) -> None:
         """Go on with the session of before this start, and poll the lift until cancelled."""
         self._actor.begin()
-        loop, actor, poll_s = asyncio.get_running_loop(), self._actor, self._actor.config.poll_s
+        loop, actor, pause = asyncio.get_running_loop(), self._actor, self._actor.pause
         await asyncio.sleep(self._first_poll_s)
         due = loop.time()
         while True:
+            began = loop.time()
             try:
                 reading = await actor.driver.read()
             except DriverError as error:
@@ -38,9 +47,15 @@ class LiftPoll:
                 actor.take_reading(reading)
                 self.looked.set()
             self.polls += 1
-            due += poll_s
-            late = loop.time() - due
-            if late > 0:
-                # an overloaded poller skips polls; queued ones would only bring older and older news
-                due += math.ceil(late / poll_s) * poll_s
-            await self._ticker.sleep_until(due)
+            ended = loop.time()
+            self._slowest_s = max(ended - began, self._slowest_s * FORGETS)
+            # a poll that took too long is skipped, not made up for: queued ones would only bring older and older news
+            due = max(due + self._pace_s(), ended)
+            due = await pause.last_until(due, self._ticker)
+
+    def _pace_s(self) -> float:
+        """Return the time from one poll to the next."""
+        config = self._actor.config
+        if self._actor.record.session is None or self._slowest_s > QUICK * config.poll_ridden_s:
+            return config.poll_s
+        return min(config.poll_s, config.poll_ridden_s)

@@ -20,12 +20,12 @@ class Ticker:
         self._sleepers: dict[int, list[asyncio.Future[None]]] = {}
         """Who wakes at which beat."""
 
-    def sleep_until(self, when: float) -> asyncio.Future[None]:
-        """Return what to await until this loop time."""
+    def sleep_until(self, when: float, sleeper: asyncio.Future[None] | None = None) -> asyncio.Future[None]:
+        """Return what to await until this loop time: a sleeper that sleeps already wakes at the earlier of its times."""
         loop = self._loop
         if loop is None:
             loop = self._loop = asyncio.get_running_loop()
-        future: asyncio.Future[None] = loop.create_future()
+        future: asyncio.Future[None] = loop.create_future() if sleeper is None else sleeper
         beat = math.ceil(when / BEAT_S)
         sleepers = self._sleepers.get(beat)
         if sleepers is None:
@@ -39,3 +39,28 @@ class Ticker:
         for future in self._sleepers.pop(beat):
             if not future.done():
                 future.set_result(None)
+
+
+class Pause:
+    """The pause of a sleeper between two rounds, which another task may shorten."""
+
+    def __init__(self) -> None:
+        self._ticker: Ticker | None = None
+        self._sleeper: asyncio.Future[None] | None = None
+        self._until = self._end_by = math.inf
+
+    async def last_until(self, when: float, ticker: Ticker) -> float:
+        """Sleep until this loop time, or until an earlier one by which the pause is to end; returns which it was."""
+        self._ticker, self._until = ticker, min(when, self._end_by)
+        self._sleeper, self._end_by = ticker.sleep_until(self._until), math.inf
+        await self._sleeper
+        self._sleeper = None
+        return self._until
+
+    def end_by(self, when: float) -> None:
+        """End this pause at this loop time at the latest, or the next one if there is none now."""
+        if self._sleeper is None or self._ticker is None:
+            self._end_by = min(when, self._end_by)
+        elif when < self._until:
+            self._until = when
+            self._sleeper = self._ticker.sleep_until(when, self._sleeper)

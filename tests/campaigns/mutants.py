@@ -62,7 +62,7 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/lift/observation.py",
-                "agreed = capabilities.one_block or (previous is not None and _evidence(previous.values) == _evidence(values))",
+                "agreed = capabilities.one_block or (same_evidence and reading.at - evidence_since >= apart_s)",
                 "agreed = True",
             ),
         ),

@@ -143,6 +143,7 @@ def loaded_site(
         "access": "control",
         "floors": dict(floors),
         "poll_s": max(POLL_S, loaded.map.link.min_poll_s),
+        "poll_ridden_s": max(POLL_S / 2, loaded.map.link.min_poll_s),
         "endpoints": {endpoint: {"controller": endpoint} for endpoint in endpoints},
         "infer_occupancy": True,
         "accept_latching": "the controller is simulated",

@@ -118,6 +118,19 @@ async def lifts_behind(*delays_s: float, every_s: float) -> AsyncIterator[Lifts]
             await ended(running)
 
 
+@virtual
+async def test_a_reading_is_as_old_as_its_request_and_not_as_its_wait_behind_other_lifts() -> None:
+    async with gateway(0.1, 0.1) as (_, link):
+        lift = ModbusLift(written_map(TEXT), link, LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, unit_id=1))
+        await lift.read()
+        others = [asyncio.ensure_future(link.read(frames.read(Table.INPUT, 1, 1, 2))) for _ in range(3)]
+        began = now()
+        await elapse(0)
+        reading = await lift.read()
+        assert reading.at == pytest.approx(began + 0.3)
+        await asyncio.gather(*others)
+
+
 @pytest.mark.parametrize("every_s", [0.1, 0.2, 0.5, 1.0])
 @virtual
 async def test_a_silent_unit_takes_neither_presses_nor_readings_from_its_neighbour(every_s: float) -> None:

@@ -359,6 +359,7 @@ def test_what_a_site_says_about_a_lift_reaches_the_manager(tmp_path: Path) -> No
         doors_at={"L1": (Side.FRONT,), "L2": (Side.FRONT,)},
         control=False,
         poll_s=0.5,
+        poll_ridden_s=0.5,
         lease_s=60,
         max_session_hold_s=100,
         infer_occupancy=True,

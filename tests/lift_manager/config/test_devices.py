@@ -218,6 +218,24 @@ def test_a_poll_that_is_faster_than_the_controller_takes_it_is_refused(tmp_path:
     assert_says_exactly(found, said(8, "lifts.main.poll_s", "every 0.4 s is faster", "0.5 s is the least"))
 
 
+def test_a_lift_that_a_session_has_is_polled_twenty_times_a_second_unless_its_map_wants_it_slower(
+    tmp_path: Path,
+) -> None:
+    assert load(tmp_path, GENERIC).poll_ridden_s("main") == 0.05
+    assert load(tmp_path, WATCHED_SLOWLY).poll_ridden_s("main") == 0.5
+    assert load(tmp_path, GENERIC, ("    floors:", "    poll_s: 0.03\n    floors:")).poll_ridden_s("main") == 0.03
+    assert load(tmp_path, GENERIC, ("    floors:", "    poll_ridden_s: 0.1\n    floors:")).poll_ridden_s("main") == 0.1
+
+
+def test_a_lift_that_a_session_has_is_polled_neither_faster_than_its_controller_takes_it_nor_slower_than_at_rest(
+    tmp_path: Path,
+) -> None:
+    found = findings(tmp_path, WATCHED_SLOWLY, ("    floors:", "    poll_ridden_s: 0.4\n    floors:"))
+    assert_says_exactly(found, said(8, "lifts.main.poll_ridden_s", "every 0.4 s is faster", "0.5 s is the least"))
+    found = findings(tmp_path, WATCHED_SLOWLY, ("    floors:", "    poll_ridden_s: 0.6\n    floors:"))
+    assert_says_exactly(found, said(8, "lifts.main.poll_ridden_s", "every 0.6 s", "less often than at rest"))
+
+
 def test_an_age_limit_that_the_slowest_allowed_poll_cannot_keep_is_refused_at_the_limit(tmp_path: Path) -> None:
     found = findings(tmp_path, WATCHED_SLOWLY, ("    floors:", "    max_age_s: 0.8\n    floors:"))
     assert_says_exactly(found, said(8, "lifts.main.max_age_s", "every 0.5 s is too slow for max_age_s 0.8"))

@@ -47,7 +47,7 @@ def observed(
 ) -> Observation:
     values = LiftValues(floor=floor, destination=destination, motion=motion, mode=Mode.NORMAL, doors={Side.FRONT: door})
     standing = floor is not None and motion is Motion.STOPPED
-    return Observation(values, 1, 0.0, 0.0, is_standing=standing, is_agreed=True, is_settled=True)
+    return Observation(values, 1, 0.0, 0.0, evidence_since=0.0, is_standing=standing, is_agreed=True, is_settled=True)
 
 
 def confirmed() -> Call:

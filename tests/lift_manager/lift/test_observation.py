@@ -29,7 +29,7 @@ LEVEL = replace(ABLE, evidence="level")
 def read(
     before: Observation | None, values: LiftValues, at: float, able: Capabilities, *, epoch: int = 1, gap_s: float = 0.1
 ) -> Observation:
-    return observe(before, LiftReading(at, epoch, values), able, gap_s=gap_s)
+    return observe(before, LiftReading(at, epoch, values), able, gap_s=gap_s, apart_s=0.075)
 
 
 def door(observation: Observation, here: tuple[Side, ...] = (Side.FRONT,)) -> RobotDoor:
@@ -44,6 +44,14 @@ def test_a_reading_in_several_pieces_opens_only_with_a_second_one_that_agrees() 
     first = read(None, OPEN, 0.0, SPLIT)
     assert door(first) is RobotDoor.MOVING
     assert door(read(first, OPEN, 0.1, SPLIT)) is RobotDoor.OPEN
+
+
+def test_readings_of_one_moment_of_a_gateway_are_one_reading() -> None:
+    first = read(None, OPEN, 0.0, SPLIT)
+    soon = read(first, OPEN, 0.05, SPLIT)
+    assert door(soon) is RobotDoor.MOVING
+    assert not soon.is_settled
+    assert door(read(soon, OPEN, 0.1, SPLIT)) is RobotDoor.OPEN
 
 
 def test_closing_is_believed_on_the_first_reading_whatever_its_pieces() -> None:

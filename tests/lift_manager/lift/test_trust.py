@@ -80,7 +80,9 @@ class Lift:
     def read(self, *rows: LiftValues, given: OwnCommands = OwnCommands(), times: int = 1) -> "Lift":  # noqa: B008 - a value
         for values in (row for row in rows for _ in range(times)):
             self.now += POLL_S
-            seen = observe(self.observation, LiftReading(self.now, self.epoch, values), self.able, gap_s=POLL_S)
+            seen = observe(
+                self.observation, LiftReading(self.now, self.epoch, values), self.able, gap_s=POLL_S, apart_s=POLL_S / 2
+            )
             config = LiftConfig(
                 name="lift",
                 source="by hand",

@@ -64,7 +64,7 @@ FOUND_BY: dict[str, tuple[str, tuple[Event, ...]]] = {
     "repeats the last state of an offline lift": ("ended", (RIDE, WayCut(8.0, 20.0))),
     "forgets the session of an offline lift": ("stolen", (RIDE, Unplugged(3.0, 5.0))),
     "drops an END before another request": ("ended", (RIDE, NEXT)),
-    "ignores an END without a floor": ("ended", (RIDE,)),
+    "ignores an END without a floor": ("ended", (replace(RIDE, trips=3), NEXT)),
     "moves the car on END": ("stale floor", (RIDE, Ends(6.0, A, "level 1", 1, 0.1))),
     "shows an ended session once more": ("ended", (RIDE,)),
     "takes an END for the session of another": ("stolen", (RIDE, Ends(3.0, "nobody", "", 1, 0.1))),

@@ -105,6 +105,8 @@ class ScriptedDriver:
     """From the press to the write, and again from there to the outcome."""
     log: list[str] = field(default_factory=list)
     """What reached the lift, in order: `press call L1`, `hold robot_in_place`, `let go call`."""
+    read_at: list[float] = field(default_factory=list)
+    """When it was read."""
     on: set[str] = field(default_factory=set)
     """What is on, or on its way; a test may take something away, as a controller does."""
     renewed: dict[str, float] = field(default_factory=dict)
@@ -146,6 +148,7 @@ class ScriptedDriver:
         if self.silent:
             raise Silent("no answer", Delivery.NO)
         at, values = asyncio.get_running_loop().time(), self.values
+        self.read_at.append(at)
         if self.takes_s:
             await asyncio.sleep(self.takes_s)
         self._was_read = True
@@ -433,6 +436,7 @@ def on_bench(
     clear_s: float = 10.0,
     takeover_after_s: float | None = None,
     poll_s: float = 0.4,
+    poll_ridden_s: float = math.inf,
     recorder: Recorder | None = None,
     clock: Clock | None = None,
     found: LiftValues = AT_L2,
@@ -460,6 +464,7 @@ def on_bench(
             control=control,
             capabilities=driver.capabilities,
             poll_s=poll_s,
+            poll_ridden_s=poll_ridden_s,
             lease_s=lease_s,
             max_session_hold_s=max_session_hold_s,
             infer_occupancy=infer,

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from lift_manager.runtime.ticker import BEAT_S, Ticker
+from lift_manager.runtime.ticker import BEAT_S, Pause, Ticker
 from tests.support.virtual_time import elapse, run_virtual
 
 
@@ -41,5 +41,27 @@ def test_those_who_are_due_together_wake_together_and_a_cancelled_one_disturbs_n
             await elapse(0.1)
             given_up.cancel()
         assert woken == [1.0, 1.0, 1.0]
+
+    run_virtual(main)
+
+
+def test_a_pause_may_be_shortened_and_is_never_made_longer() -> None:
+    async def main() -> None:
+        ticker, pause, loop = Ticker(), Pause(), asyncio.get_running_loop()
+        loop.call_later(0.1, pause.end_by, 0.3)
+        loop.call_later(0.2, pause.end_by, 0.5)
+        assert (await pause.last_until(1.0, ticker), loop.time()) == (0.3, 0.3)
+        assert (await pause.last_until(2.0, ticker), loop.time()) == (2.0, 2.0)
+
+    run_virtual(main)
+
+
+def test_a_pause_that_has_not_begun_is_shortened_once() -> None:
+    async def main() -> None:
+        ticker, pause = Ticker(), Pause()
+        pause.end_by(0.2)
+        pause.end_by(0.4)
+        assert await pause.last_until(1.0, ticker) == 0.2
+        assert await pause.last_until(1.0, ticker) == 1.0
 
     run_virtual(main)

@@ -314,7 +314,7 @@ def test_every_kind_of_entry_and_every_field_comes_about(tmp_path: Path) -> None
   - {when: {kind: robot, does: rides}, wait_s: 6, fault: in_mode.fire, for_s: 5}
   - {at: 30, wire: {answer_with_exception: 4, times: 2}, for_s: 2}
   - {at: 40, acknowledge: {by: Dana}}
-  - {at: 41, lock_out: {by: Dana, reason: painting}}
+  - {at: 40.54, lock_out: {by: Dana, reason: painting}}
   - {at: 42, request: {floor: L3, holder: "fleet:r2"}}
   - {at: 43, end_lockout: {by: Dana}}
   - {at: 44, request: {floor: L2, holder: "fleet:r2"}}
