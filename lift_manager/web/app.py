@@ -22,9 +22,9 @@ from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
 from lift_manager.web import health, lifts, login, people, rides, rmf, sessions, workshop_docs
 from lift_manager.web.announcements import add_announcements
-from lift_manager.web.authenticator import Authenticator
+from lift_manager.web.authenticator import AllowedRequests, Authenticator
 from lift_manager.web.body import LingeringResponse
-from lift_manager.web.direct_routes import DirectRoutes
+from lift_manager.web.direct_routes import DirectCalls, DirectRoutes
 from lift_manager.web.errors import RequestError
 from lift_manager.web.errors_page import error_table
 from lift_manager.web.events import routes as events
@@ -46,6 +46,19 @@ INTERNAL_ERROR = "internal error; the manager's log has the details"
 logger = logging.getLogger(__name__)
 
 
+class Application(FastAPI):
+    """The application; the server calls its short routes itself."""
+
+    direct_routes: DirectRoutes
+
+    def reply_at_once(self, scope: Scope, content: bytes) -> Response | None:
+        """Return the reply to a request with this body; None for one that has to be called as any ASGI application."""
+        try:
+            return self.direct_routes.reply_at_once(scope, content)
+        except Exception as bug:  # noqa: BLE001  it is logged
+            return _bug_reply(scope, bug)
+
+
 def make_app(  # noqa: PLR0913  the parts of the application, by name
     site: Site,
     keys: Keys | None = None,
@@ -57,14 +70,14 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     host_names: Collection[str] = (),
     simulated: Collection[str] = (),
     announcements: Mapping[str, Path] | None = None,
-) -> FastAPI:
+) -> Application:
     """Return the application that serves a site.
 
     `streams` limits the open event streams; the default is a share of the connections that this computer can open. Without `keys`,
     everybody is admitted who addresses the manager by an address, localhost or one of `host_names`. `simulated` are the
     lifts behind simulated controllers; `announcements` are the recordings of the lobby view, by moment. Only `routes` can be reached, whatever else is added to the application.
     """
-    app = FastAPI(
+    app = Application(
         title="Lift manager",
         version=running_version(),
         description=DESCRIPTION,
@@ -88,10 +101,10 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     app.state.streams = events.Streams(site, frames, streams or streams_limit())
     app.state.max_age_s = {name: site.config(name).capabilities.max_age_s for name in site.lift_names()}
     workshop = workshop_router(site)
-    app.add_middleware(DirectRoutes, routes=workshop.routes, refuse=_refuse)
-    app.add_middleware(
-        Authenticator, routes=routes, logins=logins, keys=keys, note=site.turned_away, host_names=host_names
-    )
+    authenticator = Authenticator(routes, logins, keys, site.turned_away, host_names)
+    app.direct_routes = DirectRoutes(workshop.routes, authenticator, _refusal)
+    app.add_middleware(DirectCalls, routes=app.direct_routes)
+    app.add_middleware(AllowedRequests, authenticator=authenticator)
     app.add_middleware(LastResort)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
     add_docs(app)
@@ -121,11 +134,14 @@ async def _explain(request: Request, error: Exception) -> Response:
 
 
 async def _refuse(request: Request, error: Exception) -> Response:
-    """Reply to a refused request. The workshop API has HTTP 200, because its clients look at `success`."""
+    return _refusal(request.url.path, error)
+
+
+def _refusal(path: str, error: Exception) -> Response:
+    """Return the reply to a refused request. The workshop API has HTTP 200, because its clients look at `success`."""
     if isinstance(error, RequestRefused):
         error = request_error(error)
     assert isinstance(error, RequestError)  # noqa: S101  as above
-    path = request.url.path
     reply = workshop_failure(error.message) if is_workshop(path) else error_reply(path, error)
     return LingeringResponse(reply) if error.code == "too_long" else reply
 
@@ -153,9 +169,14 @@ class LastResort:
 
         try:
             await self._app(scope, receive, watched_send)
-        except Exception:
-            logger.exception("%s %s failed", scope["method"], redacted(scope["path"]))
+        except Exception as bug:  # noqa: BLE001  it is logged
+            reply = _bug_reply(scope, bug)
             # an answer that has begun cannot be taken back: the server sees it unfinished and closes the connection
             if not started:
-                bug = RequestError("internal_error", INTERNAL_ERROR)
-                await error_reply(scope["path"], bug)(scope, receive, send)
+                await reply(scope, receive, send)
+
+
+def _bug_reply(scope: Scope, bug: Exception) -> Response:
+    """Log a bug, and return the reply."""
+    logger.error("%s %s failed", scope["method"], redacted(scope["path"]), exc_info=bug)
+    return error_reply(scope["path"], RequestError("internal_error", INTERNAL_ERROR))

@@ -11,6 +11,7 @@ from urllib.parse import unquote_plus
 
 from starlette.datastructures import Headers
 from starlette.requests import Request
+from starlette.responses import Response
 from starlette.routing import compile_path
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -80,11 +81,10 @@ def face_refusal(request: Request, code: str, text: str, lift: str) -> FaceRefus
 
 
 class Authenticator:
-    """Passes on requests that are in the table of routes and allowed for their caller; answers all others itself."""
+    """Decides which requests are in the table of routes and allowed for their caller."""
 
     def __init__(
         self,
-        app: ASGIApp,
         routes: Sequence[Route],
         logins: Logins,
         keys: Keys,
@@ -92,7 +92,6 @@ class Authenticator:
         host_names: Collection[str] = (),
     ) -> None:
         """`note` gets every refusal. Without keys, requests must name the manager by an address, localhost or one of `host_names`."""
-        self._app = app
         self._host_names = frozenset(name.lower() for name in host_names)
         self._keys = keys
         self._logins = logins
@@ -107,20 +106,14 @@ class Authenticator:
         """The matches of paths without parameters: a search tries one pattern after the other."""
         self._log = RefusalLog()
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
-        elif scope["type"] == "http":
-            try:
-                self._check(scope)
-            except RequestError as error:
-                reply = error_reply(scope["path"], error)
-                await (LingeringResponse(reply) if _has_body(scope) else reply)(scope, receive, send)
-            else:
-                await self._app(scope, receive, send)
-        else:
-            # there are no websockets; one would need a check of its own
-            await send({"type": "websocket.close", "code": 1008, "reason": ""})
+    def refusal_of(self, scope: Scope) -> Response | None:
+        """Return the reply to a request that is not allowed; else None, and the key of the caller is in the scope."""
+        try:
+            self._check(scope)
+        except RequestError as error:
+            reply = error_reply(scope["path"], error)
+            return LingeringResponse(reply) if _has_body(scope) else reply
+        return None
 
     def _check(self, scope: Scope) -> None:
         """Store the key of the caller in the scope. Raises RequestError if the request is not allowed."""
@@ -193,6 +186,23 @@ class Authenticator:
         name = "" if key is None else caller_name(scope["path"], key)
         self._note(FaceRefusal(error.code, why, "".join(lifts[:1]), name, address))
         return error
+
+
+class AllowedRequests:
+    """Passes on the requests that are allowed, and answers all others itself."""
+
+    def __init__(self, app: ASGIApp, authenticator: Authenticator) -> None:
+        self._app = app
+        self._authenticator = authenticator
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+        elif scope["type"] == "http":
+            await (self._authenticator.refusal_of(scope) or self._app)(scope, receive, send)
+        else:
+            # there are no websockets; one would need a check of its own
+            await send({"type": "websocket.close", "code": 1008, "reason": ""})
 
 
 def caller_name(path: str, key: Key) -> str:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from http import HTTPStatus
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, cast
 
 import uvicorn
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+from starlette.responses import Response
+from starlette.types import Scope
+from uvicorn._types import ASGI3Application
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from lift_manager.web.body import LINGER_BYTES, LINGER_S
@@ -28,6 +31,7 @@ HEAD_WITHIN_S = 10.0
 READ_WITHIN_S = 60.0
 """Chosen: at most some 64 KiB are waiting (uvicorn's high-water mark), and a client that has not read them by then does not read."""
 
+_CLOSE = (b"connection", b"close")
 _NOT_HTTP = RequestError("not_http", ADVICE)
 _MISSING_HOST = RequestError(
     "not_http", "HTTP/1.1 needs the header Host, once: the name or address that was connected to"
@@ -42,6 +46,10 @@ class _HeadRefused(Exception):
     pass
 
 
+ReplyAtOnce = Callable[[Scope, bytes], Response | None]
+"""Replies to a request with this body without waiting; None if the application has to be called."""
+
+
 class JsonHttpProtocol(HttpToolsProtocol):
     """HTTP with JSON replies: clients of the workshop API parse every reply as JSON, and crash on plain text."""
 
@@ -53,12 +61,23 @@ class JsonHttpProtocol(HttpToolsProtocol):
     _unread_timer: asyncio.TimerHandle | None = None
     _linger_timer: asyncio.TimerHandle | None = None
     _discarded_bytes = 0
+    _idle_since: float | None = None
+    """Loop time of the end of the newest reply; None once something has come since."""
+    _is_parsing = False
+    _parsed: tuple[RequestResponseCycle, ASGI3Application] | None = None
+    """The request that began with the data that is being parsed."""
 
     def __init__(
-        self, config: uvicorn.Config, server_state: ServerState, app_state: dict[str, Any], connections: Connections
+        self,
+        config: uvicorn.Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        connections: Connections,
+        reply_at_once: ReplyAtOnce | None = None,
     ) -> None:
         super().__init__(config, server_state, app_state)
         self._connections = connections
+        self._reply_at_once = reply_at_once
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Count the connection as idle."""
@@ -72,8 +91,9 @@ class JsonHttpProtocol(HttpToolsProtocol):
         self._connections.remove(self)
         self._await_head(begins=False)
         self._stop_unread_timer()
-        if self._linger_timer is not None:
-            self._linger_timer.cancel()
+        for timer in (self._linger_timer, self.timeout_keep_alive_task):
+            if timer is not None:
+                timer.cancel()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -81,7 +101,12 @@ class JsonHttpProtocol(HttpToolsProtocol):
         if self._linger_timer is not None:
             self._discard(data)
             return
+        self._is_parsing = True
         super().data_received(data)
+        self._is_parsing = False
+        if self._parsed is not None:
+            self._begin(*self._parsed)
+            self._parsed = None
         if self._is_awaiting_head and not self.transport.is_closing():
             self._start_head_timer()
             self._head_bytes += len(data)
@@ -123,9 +148,58 @@ class JsonHttpProtocol(HttpToolsProtocol):
 
     def on_response_complete(self) -> None:
         """Continue with the next request, or wait for one."""
-        super().on_response_complete()
-        if not self._is_answering and not self.transport.is_closing():
-            self._connections.mark_idle(self, self.transport.abort)
+        if self.pipeline or self.transport.is_closing():
+            super().on_response_complete()
+            return
+        self.server_state.total_requests += 1
+        self.flow.resume_reading()
+        self._connections.mark_idle(self, self.transport.abort)
+        self._idle_since = self.loop.time()
+        if self.timeout_keep_alive_task is None:
+            self.timeout_keep_alive_task = self.loop.call_later(
+                self.timeout_keep_alive, self.timeout_keep_alive_handler
+            )
+
+    def _unset_keepalive_if_required(self) -> None:
+        """Let the timer run: one for each request would cost as much as parsing it."""
+        self._idle_since = None
+
+    def timeout_keep_alive_handler(self) -> None:
+        """Close the connection if it has waited for a request for so long."""
+        self.timeout_keep_alive_task = None
+        if self._idle_since is None:
+            return
+        remaining_s = self._idle_since + self.timeout_keep_alive - self.loop.time()
+        if remaining_s > 0:
+            self.timeout_keep_alive_task = self.loop.call_later(remaining_s, self.timeout_keep_alive_handler)
+        else:
+            super().timeout_keep_alive_handler()
+
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+        if self._is_parsing:
+            self._parsed = cycle, app
+        else:
+            super()._start_asgi_task(cycle, app)
+
+    def _begin(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+        """Reply to a request at once where that is possible: a task, and uvicorn's sending, cost more than most replies."""
+        reply = None
+        must_wait = cycle.more_body or cycle.waiting_for_100_continue or self.flow.write_paused
+        if self._reply_at_once is not None and not must_wait and not self.transport.is_closing():
+            reply = self._reply_at_once(cast("Scope", cycle.scope), bytes(cycle.body))
+        if reply is None:
+            super()._start_asgi_task(cycle, app)
+            return
+        headers = cycle.default_headers + reply.raw_headers
+        if _CLOSE in headers:
+            cycle.keep_alive = False
+        elif not cycle.keep_alive:
+            headers.append(_CLOSE)
+        self.transport.write(_as_bytes(reply.status_code, headers, reply.body))
+        cycle.response_started = cycle.response_complete = True
+        if not cycle.keep_alive:
+            self.transport.close()
+        self.on_response_complete()
 
     def send_400_response(self, msg: str) -> None:
         """Reply in JSON instead of the line `msg`, and close the connection.
@@ -134,10 +208,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
         everything before it reads would never see the reply.
         """
         reply = error_reply(self._path(), self._error)
-        headers = [*reply.raw_headers, (b"connection", b"close")]
-        status = f"HTTP/1.1 {self._error.status} {HTTPStatus(self._error.status).phrase}".encode()
-        lines = [status, *(name + b": " + value for name, value in headers)]
-        self.transport.write(b"\r\n".join([*lines, b"", bytes(reply.body)]))
+        self.transport.write(_as_bytes(reply.status_code, [*reply.raw_headers, _CLOSE], reply.body))
         self._await_head(begins=False)
         if self._is_answering:
             self.transport.close()  # the reply to an earlier request is cut off in any case
@@ -175,3 +246,8 @@ class JsonHttpProtocol(HttpToolsProtocol):
         if self._unread_timer is not None:
             self._unread_timer.cancel()
             self._unread_timer = None
+
+
+def _as_bytes(status: int, headers: Iterable[tuple[bytes, bytes]], body: bytes | memoryview) -> bytes:
+    """Return a whole reply."""
+    return b"".join([STATUS_LINE[status], *(b"%b: %b\r\n" % header for header in headers), b"\r\n", body])

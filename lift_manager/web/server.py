@@ -128,6 +128,7 @@ class _Server(uvicorn.Server):
         self._tls = tls
         self._handshake_s = handshake_s
         self._connections = connections
+        self._reply_at_once = getattr(config.app, "reply_at_once", None)
         self._shutdown_signal = ShutdownSignal()
         self._acceptors: list[Acceptor] = []
 
@@ -140,7 +141,8 @@ class _Server(uvicorn.Server):
         self.started = True
 
     def _protocol(self) -> JsonHttpProtocol:
-        return JsonHttpProtocol(self.config, self.server_state, {KEY: self._shutdown_signal}, self._connections)
+        state = {KEY: self._shutdown_signal}
+        return JsonHttpProtocol(self.config, self.server_state, state, self._connections, self._reply_at_once)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:

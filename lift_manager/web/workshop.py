@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from starlette.responses import Response
 
 from lift_manager.lift.observation import RobotDoor
@@ -17,8 +17,9 @@ from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.site import Site
 from lift_manager.web import workshop_docs as docs
 from lift_manager.web.authenticator import caller_key, face_refusal
-from lift_manager.web.body import decode_object, quoted, read_body
+from lift_manager.web.body import decode_object, quoted
 from lift_manager.web.callers import FOREIGN_PAGE
+from lift_manager.web.direct_routes import WholeRequest
 from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import is_from_another_site
 from lift_manager.web.query import LIMIT_BYTES, TOO_LONG, named_lifts
@@ -46,16 +47,16 @@ _SURROGATE = re.compile("[\\ud800-\\udfff]")
 
 
 def workshop_router(site: Site) -> APIRouter:
-    """The three routes, answering from the memory."""
+    """The three routes, answering from the memory. `DirectRoutes` calls their endpoints."""
     names = site.lift_names()
     answers: dict[str, tuple[LiftState, Response]] = {}
     """The newest to each lift's state."""
     router = APIRouter(prefix="/open-rmf/demo-lift", tags=[docs.TAG])
 
-    async def lift_names(_: Request) -> Response:
+    def lift_names(_: WholeRequest) -> Response:
         return workshop_success({"lift_names": site.lift_names()})
 
-    async def lift_state(request: Request) -> Response:
+    def lift_state(request: WholeRequest) -> Response:
         lift = _named_lift(site, request)
         state = site.lasting_state(lift)
         known = answers.get(lift)
@@ -63,8 +64,7 @@ def workshop_router(site: Site) -> APIRouter:
             known = answers[lift] = state, _state_answer(state)
         return known[1]
 
-    async def lift_request(request: Request) -> Response:
-        body = await read_body(request)
+    def lift_request(request: WholeRequest) -> Response:
         try:
             lift = _named_lift(site, request)
         except RequestError:
@@ -74,7 +74,7 @@ def workshop_router(site: Site) -> APIRouter:
         if is_from_another_site(request):
             site.turned_away(face_refusal(request, "another_site", FOREIGN_PAGE, lift))
             raise RequestError("another_site", f"{FOREIGN_PAGE}; only programs and this manager's own pages may")
-        floor, hold_door = _read_request(body, site.config(lift).floors)
+        floor, hold_door = _read_request(request.content, site.config(lift).floors)
         key = caller_key(request)
         holder = WORKSHOP if key is None else Holder(WORKSHOP.face, key.name)
         site.request(lift, holder, floor, hold_door=hold_door)
@@ -86,7 +86,7 @@ def workshop_router(site: Site) -> APIRouter:
     return router
 
 
-def _named_lift(site: Site, request: Request) -> str:
+def _named_lift(site: Site, request: WholeRequest) -> str:
     named, known = named_lifts(request.scope), site.lift_names()
     is_too_long = len(request.scope["query_string"]) > LIMIT_BYTES
     if not is_too_long and len(named) == 1 and named[0] in known:
