@@ -28,6 +28,7 @@ from lift_manager.web.direct_routes import DirectCalls, DirectRoutes
 from lift_manager.web.errors import RequestError
 from lift_manager.web.errors_page import error_table
 from lift_manager.web.events import routes as events
+from lift_manager.web.lift_texts import LiftTexts
 from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access
@@ -99,7 +100,7 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     app.state.site, app.state.keys, app.state.simulated = site, keys, frozenset(simulated)
     logins = app.state.logins = Logins(keys)
     app.state.streams = events.Streams(site, frames, streams or streams_limit())
-    app.state.max_age_s = {name: site.config(name).capabilities.max_age_s for name in site.lift_names()}
+    app.state.lift_texts = LiftTexts(site)
     workshop = workshop_router(site)
     authenticator = Authenticator(routes, logins, keys, site.turned_away, host_names)
     app.direct_routes = DirectRoutes(workshop.routes, authenticator, _refusal)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from hashlib import blake2b
 from typing import Any
 
@@ -22,11 +22,12 @@ from lift_manager.api.lifts import (
     PlannedWrites,
     Signals,
 )
-from lift_manager.lift.state import LiftState, Quality
+from lift_manager.lift.state import Quality
 from lift_manager.runtime.site import Site
 from lift_manager.web.body import quoted
 from lift_manager.web.callers import site_of
 from lift_manager.web.errors import RequestError
+from lift_manager.web.lift_texts import LiftTexts
 from lift_manager.web.openapi import EVERY_LIFT, LiftName, problems
 
 TAG = "lifts"
@@ -97,12 +98,15 @@ router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
 )
 async def lifts(request: Request) -> Response:
     """In the order of the site file, whether or not a lift can be read. `lift-age-s` is the age of the oldest among those that are live."""
-    site = site_of(request)
-    states = [site.state(name) for name in site.lift_names()]
-    whole = Lifts(lifts=tuple(_lift(request, state) for state in states))
-    ages = [state.age_s for state in states if state.quality is Quality.LIVE and state.age_s is not None]
-    bare = Lifts(lifts=tuple(without_ages(lift, state) for lift, state in zip(whole.lifts, states, strict=True)))
-    return tagged(request, whole, bare, max(ages, default=None))
+    texts: LiftTexts = request.app.state.lift_texts
+    every = [texts.of(name) for name in site_of(request).lift_names()]
+    ages = [lift.age_s for lift in every if lift.state.quality is Quality.LIVE and lift.age_s is not None]
+    bare = _listed(lift.bare for lift in every)
+    return tagged(request, lambda: _listed(lift.whole() for lift in every), bare, max(ages, default=None))
+
+
+def _listed(lifts: Iterable[bytes]) -> bytes:
+    return b'{"lifts":[%b]}' % b",".join(lifts)
 
 
 @router.get(
@@ -119,7 +123,7 @@ async def capabilities(lift: LiftName, request: Request) -> Response:
     """
     site = _site_with_lift(request, lift)
     whole = LiftCapabilities.of(site.config(lift), simulated=lift in request.app.state.simulated)
-    return tagged(request, whole, whole, site.state(lift).age_s)
+    return _tagged_model(request, whole, whole, site.state(lift).age_s)
 
 
 @router.get(
@@ -134,7 +138,7 @@ async def signals(lift: LiftName, request: Request) -> Response:
     found = _site_with_lift(request, lift).signals(lift)
     whole = Signals.of(found)
     bare = tuple(signal.model_copy(update={"age_s": None}) for signal in whole.signals)
-    return tagged(request, whole, whole.model_copy(update={"age_s": None, "signals": bare}), found.age_s)
+    return _tagged_model(request, whole, whole.model_copy(update={"age_s": None, "signals": bare}), found.age_s)
 
 
 @router.get(
@@ -153,7 +157,7 @@ async def lift_commands(lift: LiftName, request: Request) -> Response:
     site = _site_with_lift(request, lift)
     commands = tuple(LiftCommand.model_validate(command) for command in site.map_commands(lift))
     whole = LiftCommands(name=lift, same_floor_call=site.config(lift).capabilities.same_floor_call, commands=commands)
-    return tagged(request, whole, whole, site.state(lift).age_s)
+    return _tagged_model(request, whole, whole, site.state(lift).age_s)
 
 
 @router.get(
@@ -177,7 +181,7 @@ async def planned_writes(lift: LiftName, request: Request) -> Response:
         raise RequestError("malformed", text, field="step")
     writes = tuple(PlannedWrite.model_validate(write) for write in site.planned_writes(lift, steps))
     whole = PlannedWrites(name=lift, writes=writes)
-    return tagged(request, whole, whole, site.state(lift).age_s)
+    return _tagged_model(request, whole, whole, site.state(lift).age_s)
 
 
 @router.get(
@@ -193,30 +197,25 @@ async def one_lift(lift: LiftName, request: Request) -> Response:
 
     A robot drives only on `robot_door: open` that is not older than `max_age_s`.
     """
-    state = _site_with_lift(request, lift).state(lift)
-    whole = _lift(request, state)
-    return tagged(request, whole, without_ages(whole, state), state.age_s)
+    _site_with_lift(request, lift)
+    text = request.app.state.lift_texts.of(lift)
+    return tagged(request, text.whole, text.bare, text.age_s)
 
 
-def without_ages(lift: Lift, state: LiftState) -> Lift:
-    """Return a lift without its ages. The reason stays as it is, because seconds in it may be a limit as well as an age.
-
-    `releases_in_s` becomes the moment of the release, which a renewal moves.
-    """
-    session = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
-    return lift.model_copy(update={"age_s": None, "session": session, "releases_in_s": state.releases_at})
+def _tagged_model(request: Request, whole: BaseModel, bare: BaseModel, age_s: float | None) -> Response:
+    return tagged(request, lambda: whole.model_dump_json().encode(), bare.model_dump_json().encode(), age_s)
 
 
-def tagged(request: Request, whole: BaseModel, bare: BaseModel, age_s: float | None) -> Response:
+def tagged(request: Request, whole: Callable[[], bytes], bare: bytes, age_s: float | None) -> Response:
     """Return 200 with `whole`, or 304 if the client has it; the tag is that of `bare`, which is `whole` without ages and durations."""
-    tag = blake2b(bare.model_dump_json().encode(), digest_size=12).hexdigest()
+    tag = blake2b(bare, digest_size=12).hexdigest()
     # weak: two bodies with the same tag differ in their ages. `no-cache`: a cache may store it, but must revalidate
     headers = {"etag": f'W/"{tag}"', "cache-control": "no-cache"}
     if age_s is not None:
         headers[AGE_HEADER] = f"{age_s:.3f}"
     if matches_tag(tag, request.headers.getlist("if-none-match")):
         return Response(None, 304, headers)
-    return Response(whole.model_dump_json(by_alias=True), 200, headers, "application/json")
+    return Response(whole(), 200, headers, "application/json")
 
 
 _TAG = re.compile(r'"([^"]*)"')
@@ -225,10 +224,6 @@ _TAG = re.compile(r'"([^"]*)"')
 def matches_tag(tag: str, lines: Iterable[str]) -> bool:
     """Whether If-None-Match contains the tag, by the weak comparison of RFC 9110; an invalid header contains none."""
     return any(line.strip() == "*" or tag in _TAG.findall(line) for line in lines)
-
-
-def _lift(request: Request, state: LiftState) -> Lift:
-    return Lift.of(state, max_age_s=request.app.state.max_age_s[state.lift])
 
 
 def _site_with_lift(request: Request, lift: str) -> Site:

@@ -125,6 +125,9 @@ class FakeSite(Site):
     def lasting_state(self, lift: str) -> LiftState:
         return self.state(lift)
 
+    def age_s(self, lift: str) -> float | None:
+        return self.state(lift).age_s
+
     def config(self, lift: str) -> LiftConfig:
         return config_of(self.state(lift), self._able)
 

@@ -1,5 +1,6 @@
 """Lifts over HTTP: what they publish, and that nothing is sent twice to who has it."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -7,11 +8,13 @@ from typing import Any
 import httpx
 import pytest
 
+from lift_manager.api.lifts import Lift
 from lift_manager.api.problem import Problem
 from lift_manager.api.roles import Role
 from lift_manager.lift.refusals import Blocking
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, Quality
+from lift_manager.web.lift_texts import LiftText, LiftTexts
 from lift_manager.web.lifts import matches_tag
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeSite, ask, one_lift
@@ -194,3 +197,40 @@ def test_seconds_are_told_to_the_millisecond() -> None:
     assert read(one_lift(uneven), "/lift").json()["age_s"] == 0.08
     blocked = Problem.of(409, "held", "", "", blocking=Blocking(since_s=0.43500000000494765, age_s=None))
     assert (blocked.since_s, blocked.age_s) == (0.435, None)
+
+
+ODD = 'he said: "age_s":null,"for_s":0.0,"releases_in_s":5,'
+TIMES: list[Mapping[str, Any]] = [
+    {},
+    {"age_s": None},
+    {"age_s": 0.00049},
+    {"age_s": 86400.12345},
+    {"held_since_s": None},
+    {"held_since_s": 1e7 / 3},
+    {"releases_at": 1234.5678, "releases_in_s": 0.0},
+    {"releases_at": 1234.5678, "releases_in_s": 287.49996},
+    {"releases_at": math.inf, "releases_in_s": math.inf},
+    {"holder": None, "held_since_s": None},
+    {"holder": Holder("api", ODD), "reason": ODD, "lift": ODD, "releases_in_s": 1.0, "releases_at": 2.0},
+]
+
+
+@each_row("times", TIMES)
+@each_row("known", [HELD, OFFLINE])
+def test_a_kept_text_with_its_seconds_is_the_model_as_json(known: LiftState, times: Mapping[str, Any]) -> None:
+    state = replace(known, **times)
+    assert LiftText.of(state, 2.0).whole() == Lift.of(state, max_age_s=2.0).model_dump_json().encode()
+
+
+@each_row("change", [change for change in CHANGES if "holder" not in change])
+def test_a_text_is_kept_until_more_than_time_has_changed(change: Mapping[str, Any]) -> None:
+    site = one_lift(replace(HELD, releases_at=300.0, releases_in_s=287.5))
+    texts = LiftTexts(site)
+    first = texts.of("lift")
+    later = replace(site.lifts["lift"], age_s=0.9, held_since_s=13.3, releases_in_s=286.7)
+    site.lifts["lift"] = later
+    assert texts.of("lift").bare is first.bare
+    assert texts.of("lift").whole() == Lift.of(later, max_age_s=2.0).model_dump_json().encode()
+    for changed in (replace(later, **change), replace(later, releases_at=301.0)):
+        site.lifts["lift"] = changed
+        assert texts.of("lift").whole() == Lift.of(changed, max_age_s=2.0).model_dump_json().encode()

@@ -1,4 +1,4 @@
-"""GET lift_state keeps its newest answer, and gives at every moment what one that keeps nothing gives."""
+"""GET lift_state and GET /api/v1/lifts keep their newest answer, and give at every moment what one that keeps nothing gives."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -6,9 +6,11 @@ from typing import Any, cast
 
 from starlette.types import ASGIApp, Message, Scope
 
+from lift_manager.api.lifts import Lift
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.site import Site
 from lift_manager.web.app import make_app
+from lift_manager.web.lift_texts import LiftTexts
 from tests.lift_manager.runtime.scripted import PLAIN, Bench, on_bench
 from tests.lift_manager.runtime.test_session_restart import OPEN_AT_L1, open_at_l1
 from tests.lift_manager.web.fake import STATE
@@ -54,9 +56,12 @@ async def answer(app: ASGIApp) -> bytes:
 
 
 class Watch:
-    """Compares the answers of both applications, and keeps each that differs from the one before."""
+    """Compares the answers of both applications, and the kept text with the model; keeps each answer that differs from the one before."""
 
     def __init__(self, made: Bench) -> None:
+        self._site = made.site
+        self._max_age_s = made.site.config("lift").capabilities.max_age_s
+        self._texts = LiftTexts(made.site)
         self._keeping = make_app(made.site)
         self._working_out = make_app(cast("Site", WorkedOut(made.site)))
         self.answers: list[bytes] = []
@@ -64,6 +69,8 @@ class Watch:
     async def look(self) -> None:
         found = await answer(self._keeping)
         assert found == await answer(self._working_out)
+        lift = Lift.of(self._site.state("lift"), max_age_s=self._max_age_s)
+        assert self._texts.of("lift").whole() == lift.model_dump_json().encode()
         if self.answers[-1:] != [found]:
             self.answers.append(found)
 
