@@ -16,6 +16,7 @@ from uvicorn.server import ServerState
 from lift_manager.web.body import LINGER_BYTES, LINGER_S
 from lift_manager.web.connections import Connections
 from lift_manager.web.errors import RequestError
+from lift_manager.web.outlet import KEY, Outlet
 from lift_manager.web.replies import error_reply
 
 ADVICE = (
@@ -179,7 +180,11 @@ class JsonHttpProtocol(HttpToolsProtocol):
         if self._is_parsing:
             self._parsed = cycle, app
         else:
-            super()._start_asgi_task(cycle, app)
+            self._call(cycle, app)
+
+    def _call(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+        cycle.scope["extensions"] = cast("dict[str, Any]", {KEY: Outlet(cycle)})
+        super()._start_asgi_task(cycle, app)
 
     def _begin(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
         """Reply to a request at once where that is possible: a task, and uvicorn's sending, cost more than most replies."""
@@ -188,7 +193,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
         if self._reply_at_once is not None and not must_wait and not self.transport.is_closing():
             reply = self._reply_at_once(cast("Scope", cycle.scope), bytes(cycle.body))
         if reply is None:
-            super()._start_asgi_task(cycle, app)
+            self._call(cycle, app)
             return
         headers = cycle.default_headers + reply.raw_headers
         if _CLOSE in headers:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from lift_manager.api.keys import Key
 from lift_manager.web.events.sse import HEARTBEAT
+from lift_manager.web.outlet import Outlet
 
 QUEUE_LENGTH = 256
 """Events queued per reader. Chosen: ten seconds of usual traffic, at a few KB per reader."""
@@ -36,7 +37,7 @@ Renew = Callable[[int, float], tuple[bytes, Iterable[Entry]]]
 
 
 class Reader:
-    """One open stream. `put` and `end` never wait; the connection waits for `next`."""
+    """One open stream. `put` and `end` never wait; the connection waits for `next`, and gets the rest through the outlet, if it has one."""
 
     def __init__(self, first: bytes, backlog: Iterable[Entry], renew: Renew) -> None:
         """Begin with these bytes, then the backlog."""
@@ -52,6 +53,8 @@ class Reader:
         self._heartbeat_due = False
         self._ended = False
         self._waiter: asyncio.Future[None] | None = None
+        self._is_waking = False
+        self.outlet: Outlet | None = None
         self._sent_at = self._loop.time()
 
     def put(self, entry: Entry) -> None:
@@ -80,14 +83,19 @@ class Reader:
 
     async def next(self) -> bytes | None:
         """Wait for the next bytes to send; None at the end."""
-        while not (self._first or self._backlog or self._queue or self._lost or self._heartbeat_due or self._ended):
+        while not self._has_next:
             self._waiter = self._loop.create_future()
             try:
                 await self._waiter
             finally:
                 self._waiter = None
-        if self._ended:
-            return None
+        return None if self._ended else self._take()
+
+    @property
+    def _has_next(self) -> bool:
+        return bool(self._queue or self._heartbeat_due or self._ended or self._lost or self._first or self._backlog)
+
+    def _take(self) -> bytes:
         self._heartbeat_due = False
         self._sent_at = now = self._loop.time()
         return self._batch(now) or HEARTBEAT
@@ -107,8 +115,26 @@ class Reader:
         return b"".join(parts)
 
     def _wake(self) -> None:
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_result(None)
+        if self._waiter is not None and not self._is_waking:
+            self._is_waking = True
+            self._loop.call_soon(self._send_or_wake)
+
+    def _send_or_wake(self) -> None:
+        """Send what has come if there is room, which costs a fraction of a turn of the task that awaits `next`; else let it return."""
+        self._is_waking = False
+        waiter, outlet = self._waiter, self.outlet
+        if waiter is None or waiter.done() or not self._has_next:
+            return
+        if outlet is None or self._ended or not outlet.has_room:
+            waiter.set_result(None)
+            return
+        try:
+            outlet.write(self._take())
+        except Exception as bug:  # noqa: BLE001  `next` raises it
+            waiter.set_exception(bug)
+        else:
+            if self._queue or self._backlog:
+                waiter.set_result(None)
 
 
 class OpenStreams:

@@ -12,6 +12,7 @@ from lift_manager.api.keys import Key
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events.readers import OpenStreams, Reader
 from lift_manager.web.events.sse import MEDIA_TYPE
+from lift_manager.web.outlet import outlet_of
 from lift_manager.web.replies import error_reply
 from lift_manager.web.shutdown import shutdown_signal
 
@@ -51,6 +52,7 @@ class EventStream(Response):
             self._open_reader() as reader,
             shutdown_signal(scope).on_shutdown(reader.end),
         ):
+            reader.outlet = outlet_of(scope)
             await StreamingResponse(_chunks(reader), headers=HEADERS, media_type=MEDIA_TYPE)(scope, receive, send)
 
 

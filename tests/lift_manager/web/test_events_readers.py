@@ -16,6 +16,7 @@ from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Phase
 from lift_manager.web.events.feed import KEEP_EVENTS_S, MAX_KEPT_EVENTS, Feed, PublishedEvent, StreamScope
 from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, OpenStreams, Reader
+from lift_manager.web.outlet import Outlet
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import key, ring
 from tests.lift_manager.web.listening import Happening, Message, messages
@@ -352,5 +353,87 @@ def test_an_event_is_encoded_once_however_many_hear_it() -> None:
         assert one.wire(now + 0.2) is fresh
         assert encoded == ["lift"]
         assert one.wire(now + 0.3) != fresh
+
+    run(main())
+
+
+class Room(Outlet):
+    """Takes what a reader is sent while there is room."""
+
+    def __init__(self) -> None:
+        self.room = True
+        self.sent: list[bytes] = []
+
+    @property
+    def has_room(self) -> bool:
+        return self.room
+
+    def write(self, part: bytes) -> None:
+        self.sent.append(part)
+
+
+class Unwritable:
+    """An event that cannot be encoded."""
+
+    def wire(self, now: float) -> bytes:
+        raise ZeroDivisionError
+
+
+def test_a_connection_with_room_is_sent_events_in_their_order_without_its_task_being_woken() -> None:
+    async def main() -> None:
+        manager, noted, outlet = Happening(), Noting(), Room()
+        with Feed(manager, OpenStreams(10)).reader(StreamScope(), None, always) as reader:
+            reader.outlet = outlet
+            taking = asyncio.ensure_future(noted.take(reader))
+            await elapse(0.1)
+            assert len(noted.sent) == 1
+            for number in range(6):
+                outlet.room = number not in {2, 3}
+                manager.happens(Alarm("lift", f"a{number}"))
+                manager.happens(Alarm("lift", f"b{number}"))
+                await elapse(0.1)
+            texts = [[message.data["text"] for message in messages(part)] for part in outlet.sent]
+            assert texts == [["a0", "b0"], ["a1", "b1"], ["a4", "b4"], ["a5", "b5"]]
+            texts = [[message.data["text"] for message in messages(part)] for _, part in noted.sent[1:]]
+            assert texts == [["a2", "b2"], ["a3", "b3"]]
+            await elapse(2.1)
+            assert outlet.sent[4:] == [b":\n\n"] * 2
+            reader.end()
+            await taking
+            assert len(noted.sent) == 3
+
+    run(main())
+
+
+def test_an_event_right_behind_the_turn_of_a_task_brings_no_heartbeat() -> None:
+    async def main() -> None:
+        manager, noted, outlet = Happening(), Noting(), Room()
+        with Feed(manager, OpenStreams(10)).reader(StreamScope(), None, always) as reader:
+            reader.outlet = outlet
+            taking = asyncio.ensure_future(noted.take(reader))
+            await elapse(0.1)
+            outlet.room = False
+            manager.happens(Alarm("lift", "one"))
+            asyncio.get_running_loop().call_soon(manager.happens, Alarm("lift", "two"))
+            asyncio.get_running_loop().call_soon(setattr, outlet, "room", True)
+            await elapse(0.1)
+            sent = b"".join([*(part for _, part in noted.sent), *outlet.sent])
+            assert [message.event for message in messages(sent)] == ["snapshot", "alarm", "alarm"]
+            assert b":\n\n" not in {*outlet.sent, *(part for _, part in noted.sent)}
+            reader.end()
+            await taking
+
+    run(main())
+
+
+def test_a_bug_in_an_event_reaches_the_task_of_the_connection() -> None:
+    async def main() -> None:
+        with Feed(Happening(), OpenStreams(10)).reader(StreamScope(), None, always) as reader:
+            reader.outlet = Room()
+            taking = asyncio.ensure_future(Noting().take(reader))
+            await elapse(0.1)
+            reader.put(Unwritable())
+            with pytest.raises(ZeroDivisionError):
+                await taking
 
     run(main())
