@@ -10,6 +10,7 @@ about 20 s for each loop, with 1 where the 99th percentile is not below 50 ms.
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import random
 import statistics
@@ -188,6 +189,7 @@ async def measure(ports: list[int], plan: Plan, clients: Connection, port_of: Co
         app = make_app(building.site, streams=plan.streams, host_names=("lifts",))
         works += [building.life.run(), serve(app, sock, limits=ConnectionLimits.of(plan.streams + 2 * CLIENTS))]
         tasks = [group.create_task(work) for work in works]
+        gc.freeze()  # as `serve` does
         port_of.send((sock.getsockname()[1], building.site.lift_names()))
         while not clients.poll():  # noqa: ASYNC110  a pipe from another process
             await asyncio.sleep(0.05)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -130,6 +131,7 @@ async def _serve(
     scheme = "http" if loaded.site.api.tls is None else "https"
 
     def ready() -> None:
+        gc.freeze()  # a full collection of all that lives as long as the process would stop every lift for a tenth of a second
         where = f"{scheme}://{host}:{port}/docs"
         out.print(f"{loaded.site.name}: {counted(len(loaded.site.lifts), 'lift')} on {where}", highlight=False)
         if rmf is not None:
