@@ -422,7 +422,14 @@ async def serving(serve: Callable[[int], Program]) -> AsyncIterator[LiftServer]:
         server.close()
 
 
-def manager(folder: Path, port: int, *, tree: Path = ROOT, core: int | None = None) -> Program:
-    """Run `serve` for the lift at this port, with its journal in the folder."""
+def manager(
+    folder: Path,
+    port: int,
+    *,
+    tree: Path = ROOT,
+    core: int | None = None,
+    started: Callable[[int], None] | None = None,
+) -> Program:
+    """Run `serve` for the lift at this port, with its journal in the folder; calls `started` with the id of the process."""
     site = site_file(folder, {"lift": port}, POLL_S)
-    return running("serve", str(site), "--port", "0", pattern=SERVES, tree=tree, core=core)
+    return running("serve", str(site), "--port", "0", pattern=SERVES, tree=tree, core=core, started=started)
