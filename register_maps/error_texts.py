@@ -74,7 +74,7 @@ def _place(location: tuple[int | str, ...], data: object) -> tuple[Path, bool]:
 def _message(error: ErrorDetails, schema: JsonSchema, path: Path, written: str | None) -> str:
     kind, context, given = error["type"], error.get("ctx", {}), error["input"]
     if kind in ("enum", "literal_error"):
-        return _not_one_of(given, str(context["expected"]))
+        return _not_one_of(given, written, str(context["expected"]))
     if kind in _BOUNDS:
         words, name = _BOUNDS[kind]
         return f"must be {words} {context[name]:g}, not {written or given}"
@@ -158,10 +158,11 @@ def _unknown_key(word: str, allowed: list[str]) -> str:
     return f"there is no such key here; allowed are {', '.join(allowed)}"
 
 
-def _not_one_of(given: object, expected: str) -> str:
+def _not_one_of(given: object, written: str | None, expected: str) -> str:
     words = re.findall(r"'([^']*)'", expected) or [expected]
     listed = words[0] if len(words) == 1 else "one of " + ", ".join(words)
-    return f"must be {listed}, not {given!r}{closest(given, words) if isinstance(given, str) else ''}"
+    hint = closest(given, words) if isinstance(given, str) else ""
+    return f"must be {listed}, not {written or repr(given)}{hint}"
 
 
 def _description(schema: JsonSchema, path: Path, pattern: str, *, key: bool) -> str:

@@ -120,14 +120,14 @@ def _is_terminal() -> bool:
 def _option_or_prompt(
     option: str, given: str, question: str, read: Callable[[str], Answer], *, default: str | None = None
 ) -> Answer:
-    """Return what an option says; without one ask at a terminal. Raises typer.BadParameter where nobody can be asked."""
+    """Return what an option says; without one ask at a terminal. Raises typer.BadParameter where there is no terminal."""
     if given:
         return read(given)
     if _is_terminal():
         return _prompt(question, read, default=default)
     if default is not None:
         return read(default)
-    raise typer.BadParameter("is needed where nobody can be asked", param_hint=option)
+    raise typer.BadParameter("is needed: without a terminal, init cannot ask for it", param_hint=option)
 
 
 def _prompt(question: str, read: Callable[[str], Answer], *, default: str | None = None) -> Answer:

@@ -62,10 +62,9 @@ def make(
     if first:
         print_stderr("it is the first key of this site: from now on every request needs one, on this computer too")
         print_stderr(
-            "a robot that rides without a key is locked out in the middle of its ride: with a key it has another name, so it"
-            " is refused until its old session is over. Make the first key when no robot rides; if one does, wait until it is"
-            " outside, or end its session with `lift-manager release` and, once a person has looked into the car, run"
-            " `lift-manager ack`"
+            "a robot that is riding now loses its ride: with a key it has another name, and is refused until its old session"
+            " is over. Make the first key while no robot rides; if one does, wait until it is outside, or end its session with"
+            " `lift-manager release`, look into the car, and run `lift-manager ack`"
         )
     _keep_to_owner(sys.stdout)
     out.print(made.reveal(), markup=False, highlight=False, soft_wrap=True)

@@ -24,7 +24,7 @@ from lift_manager.lab.replay import NothingRecorded
 from lift_manager.lab.simulate import run_replay, run_simulation
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
-from lift_manager.web.server import listen
+from lift_manager.web.server import listen, listen_error_text
 
 PANEL_PORT = 5004
 """Where the panel is unless that port is taken. Chosen: beside the manager of the demo."""
@@ -123,8 +123,7 @@ def simulate(  # noqa: PLR0913  the options of the command
     except ValueError as error:
         raise fail(str(error)) from error
     except OSError as error:
-        advice = "give an address of this machine with --host, or another port with --port"
-        raise fail(f"cannot listen on {host}:{port}: {error.strerror or error}; {advice}") from error
+        raise fail(listen_error_text(error, host, port)) from error
 
 
 def _panel_socket(port: int | None, *, no_panel: bool) -> socket | None:

@@ -192,4 +192,5 @@ def _context(url: str, tls: ssl.SSLContext | Path | str | None) -> ssl.SSLContex
 
 
 def _error_text(error: Exception) -> str:
-    return str(error) or type(error).__name__
+    text = str(error) or type(error).__name__
+    return "it does not use TLS; begin its address with http://" if "WRONG_VERSION_NUMBER" in text else text

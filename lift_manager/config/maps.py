@@ -165,7 +165,9 @@ def _parameter_findings(place: _LiftLocation, changes: MapChanges, known: Loaded
 
 def _as_site_finding(source: Source, controller: str, finding: Finding) -> Finding:
     """Return a finding of a map as it is, but locate a missing map in the site file."""
-    return source.finding(("controllers", controller, "map"), finding.message) if finding.line is None else finding
+    if finding.line is not None:
+        return finding
+    return source.finding(("controllers", controller, "map"), f"{finding.file}: {finding.message}")
 
 
 def _cause(changes: MapChanges, finding: Finding) -> KeyPath:

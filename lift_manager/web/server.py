@@ -44,7 +44,7 @@ def listen(host: str, port: int) -> socket.socket:
         sock.listen(BACKLOG)
     except OSError as error:
         sock.close()
-        raise ListenError(_listen_error_text(error, host, port)) from error
+        raise ListenError(listen_error_text(error, host, port)) from error
     sock.setblocking(False)
     return sock
 
@@ -66,7 +66,8 @@ def resolved(host: str, port: int) -> tuple[socket.AddressFamily, tuple[object, 
 HOSTS = "with --host choose 127.0.0.1 (this computer only), 0.0.0.0 (everybody), or one of this computer's addresses"
 
 
-def _listen_error_text(error: OSError, host: str, port: int) -> str:
+def listen_error_text(error: OSError, host: str, port: int) -> str:
+    """Return why a port cannot be listened on, and what to do, for commands with --host and --port."""
     match error.errno:
         case errno.EADDRINUSE:
             return f"port {port} on {host} is in use by another program; stop that one, or choose another with --port"

@@ -70,6 +70,17 @@ def test_a_certificate_that_expires_while_the_manager_runs_is_told_each_time_and
     assert app.WARN_EVERY_S == 86400.0
 
 
+def test_a_manager_without_tls_is_told_from_one_that_does_not_answer() -> None:
+    async def main() -> None:
+        async with serving(make_app(FakeSite())) as port:
+            manager = f"https://127.0.0.1:{port}"
+            done = await asyncio.to_thread(call, *ACK[:-1], manager)
+        assert done.returncode == 1
+        assert f"{manager} (it does not use TLS; begin its address with http://)" in done.stderr
+
+    asyncio.run(main())
+
+
 @pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
 def loop(request: pytest.FixtureRequest) -> Callable[[], asyncio.AbstractEventLoop]:
     return cast(Callable[[], asyncio.AbstractEventLoop], request.param)

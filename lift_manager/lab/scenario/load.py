@@ -19,7 +19,7 @@ from lift_manager.lab.scenario.schema import Scenario
 from lift_manager.lab.scenario.steps import PlannedStep, read_steps
 from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.codec import Codec
-from register_maps.errors import MapFileError
+from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.source import KeyPath, read, try_validate
 from register_maps.vocabulary import HANDSHAKE
@@ -29,6 +29,7 @@ LIFT = "lift"
 """The name of the lift in a scenario that names a map."""
 CONTROLLER = "controller"
 """The name of the controller of that lift. The endpoints of its map keep their names."""
+_IS_SITE = "this is a site file and not a scenario; a scenario names it, as its `site`"
 _NOT_WITH_SITE = ("floors", "parameters", "override", "options")
 
 
@@ -47,6 +48,8 @@ class LoadedScenario:
 def load_scenario(path: Path) -> LoadedScenario:
     """Read and check a scenario file. Raises MapFileError with all findings."""
     source = read(path, number_keys=_is_value_table)
+    if isinstance(source.data, dict) and "controllers" in source.data:
+        raise MapFileError([Finding(str(path), None, "", _IS_SITE)])
     tried = try_validate(source, Scenario)
     scenario, found = tried.model, tried.findings
     mistakes = Mistakes(source, list(found))
@@ -159,7 +162,7 @@ def _take_over(key: KeyPath, error: MapFileError, mistakes: Mistakes) -> None:
     """Add the findings of another file at their own lines. A finding without a line, such as a missing file, is one of this file."""
     for finding in error.findings:
         if finding.line is None:
-            mistakes.add(key, finding.message)
+            mistakes.add(key, f"{finding.file}: {finding.message}")
         else:
             mistakes.findings.append(finding)
 

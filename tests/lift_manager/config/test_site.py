@@ -206,12 +206,26 @@ CONTROLLERS: list[Mistake] = [
     (
         "a map that is not there",
         [("map: generic-registers", "map: generic-register")],
-        [said(4, "controllers.plc.map", "no map has this name", "`generic-registers`", "two-stop-agv", "./")],
+        [
+            said(
+                4,
+                "controllers.plc.map",
+                "generic-register: no map has this name",
+                "`generic-registers`",
+                "two-stop-agv",
+                "./",
+            )
+        ],
     ),
     (
         "a map file that is not there",
         [("map: generic-registers", "map: ./nowhere.yaml")],
-        [said(4, "controllers.plc.map", "no such file")],
+        [said(4, "controllers.plc.map", "/nowhere.yaml: there is no such file")],
+    ),
+    (
+        "access as a boolean of YAML",
+        [("access: control", "access: yes")],
+        [said(8, "lifts.main.access", "must be one of monitor, control, not yes")],
     ),
     (
         "a port that does not exist",

@@ -75,7 +75,7 @@ def test_a_file_with_mistakes_exits_with_2_before_anything_is_played(good: Path,
     done = call(good, bad, worse, tmp_path / "none.yaml")
     assert (done.code, done.out) == (2, "")
     assert f"{bad}:8: expect[0].eventually.qualty: state has no such field; did you mean `quality`?" in done.err
-    assert f"{worse}:3: map: no map has this name" in done.err
+    assert f"{worse}:3: map: generic-register: no map has this name" in done.err
     assert f"{tmp_path / 'none.yaml'}: there is no such file" in done.err
     assert done.err.endswith("3 mistakes\n")
 

@@ -8,6 +8,7 @@ from lift_manager.lab.scenario.load import load_scenario
 from register_maps.errors import MapFileError
 from register_maps.load import MAPS, shipped
 from tests.lift_manager.lab.scenario.scenario_files import ANYTHING, HEAD, NOTHING, loaded, text_of
+from tests.support.programs import ROOT
 from tests.support.rows import each_row
 from tests.support.trip_sites import COMPLETIONS
 
@@ -113,9 +114,12 @@ def test_an_expectation_with_a_mistake_is_refused(tmp_path: Path, expectation: s
     [
         (HEAD.replace("map: generic-registers\n", ""), "must name either a `map`, for one lift, or a `site`"),
         (HEAD + "site: here.yaml\n", "must name either a `map`, for one lift, or a `site`"),
-        (HEAD.replace("generic-registers", "generic-register"), "map: no map has this name; did you mean"),
-        (HEAD.replace("generic-registers", "./my.yaml"), "map: there is no such file"),
-        (HEAD.replace("map: generic-registers", "site: my.yaml"), "site: there is no such file"),
+        (
+            HEAD.replace("generic-registers", "generic-register"),
+            "map: generic-register: no map has this name; did you mean",
+        ),
+        (HEAD.replace("generic-registers", "./my.yaml"), "/my.yaml: there is no such file"),
+        (HEAD.replace("map: generic-registers", "site: my.yaml"), "/my.yaml: there is no such file"),
         (HEAD + "floors: {L1: 1}\n", "floors: must have at least 2 entries, not 1"),
         (HEAD + "parameters: {speed: 1}\n", "parameters.speed: generic-registers has no parameter speed"),
         (HEAD + "override: {signals: {car_floor: {at: 'holding:99'}}}\n", "override"),
@@ -198,3 +202,5 @@ def test_a_file_that_is_no_scenario_is_told_so(tmp_path: Path) -> None:
     assert any("is missing" in line for line in findings(tmp_path, "schema: 1\n"))
     (found,) = findings(tmp_path, "- a\n")
     assert found.startswith("1: must be a table of keys, not a list; for example {schema: 1, title: ...")
+    with pytest.raises(MapFileError, match="this is a site file and not a scenario"):
+        load_scenario(ROOT / "examples" / "first-site.yaml")
