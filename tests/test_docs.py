@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,25 @@ def command_lines(page: Path) -> list[str]:
 def test_every_command_line_of_a_page_is_accepted_by_the_program(page: Path) -> None:
     for line in command_lines(page):
         assert parsed(shlex.split(line)[1:]), line
+
+
+def helps(name: str, command: Any) -> Iterator[tuple[str, str]]:
+    """Yield every command that does something, and its help."""
+    inner = getattr(command, "commands", {})
+    if not inner or command.invoke_without_command:
+        yield name, command.help
+    for word, part in inner.items():
+        yield from helps(f"{name} {word}", part)
+
+
+def test_every_help_has_an_example_that_the_program_accepts() -> None:
+    for word in COMMANDS:
+        for name, text in helps(word, load_command(word)):
+            examples = re.findall(r"^Example: lift-manager (.*)$", text, re.MULTILINE)
+            assert examples, name
+            for example in examples:
+                assert example.startswith(name), example
+                assert parsed(shlex.split(example)), example
 
 
 def known_options(name: str) -> set[str]:

@@ -126,7 +126,12 @@ def audit(  # noqa: PLR0913  a parameter per option
     verified: Verify = False,
     since_seal: SinceSeal = None,
 ) -> None:
-    """Show who requested what, what was written to the lift because of it, and the outcome; export and verify the journal."""
+    """Show, export and verify the journal.
+
+    It says who requested what, what was written to the lift because of it, and the outcome.
+
+    Example: lift-manager audit site.yaml --lift main --since 2h
+    """
     seal = _seal(since_seal)
     walk = verified or seal is not None
     _require_one_of(

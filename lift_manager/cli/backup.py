@@ -42,10 +42,10 @@ def backup(
     ],
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
 ) -> None:
-    """Back up a site: site file, maps, certificates and keys, state, journal, API keys and checkout records.
+    """Back up a site.
 
-    Works while the manager runs, and verifies what it wrote. The archive holds private keys: only you may read it. `lift-manager restore`
-    puts it back.
+    The archive has the site file, maps, certificates and keys, state, journal, API keys and checkout records. The manager may run
+    meanwhile. What was written is verified. The archive holds private keys: only you may read it. `lift-manager restore` puts it back.
 
     Example: lift-manager backup /etc/lift-manager/site.yaml -o tower.tar.gz
     """

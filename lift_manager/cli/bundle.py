@@ -73,10 +73,11 @@ def bundle(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Write a support bundle: site file, maps, versions, journal, and the state of a running manager, without secrets.
+    """Write a support bundle, without secrets.
 
-    Its MANIFEST.txt lists every file, and everything that was left out with the reason. Works while the manager runs, while it does not, and
-    for a site file with mistakes. Nothing is sent anywhere.
+    It has the site file, maps, versions, journal, and the state of a running manager. Its MANIFEST.txt lists every file, and everything
+    that was left out with the reason. It works while the manager runs, while it does not, and for a site file with mistakes. Nothing is
+    sent anywhere.
 
     Example: lift-manager bundle site.yaml -o support.zip --attach trace.jsonl
     """

@@ -112,14 +112,16 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
     show_list: Annotated[bool, typer.Option("--list", help="Only list the items with their results, and end.")] = False,
     hold_door_at: Annotated[str, typer.Option(hidden=True)] = "",
 ) -> None:
-    """Test a lift item by item with the person at its doors, and keep a record that people sign.
+    """Test a lift item by item, for a record that people sign.
 
-    `lift-manager checkout site.yaml main --by "Ana Silva, Integrator Ltd" --technician "Bo Berg, Lifts Ltd"` runs the test at the lift;
-    with `--phone 192.168.1.20` a second person confirms results on the page whose QR code is shown.
+    A person at the doors of the lift answers what it asks. With `--phone 192.0.2.20` a second person confirms results on the page whose
+    QR code is shown.
 
-    Ctrl-C ends it at any time: outputs are released, everything answered is kept, and the same command goes on. The manager must not run.
+    Ctrl-C ends it at any time: outputs are released, every answer is kept, and the same command goes on. Stop the manager first.
 
     Exit codes: 0 passed; 1 cannot be done; 2 a mistake in a file; 3 not complete yet; 4 not passed.
+
+    Example: lift-manager checkout site.yaml main --by "Ana Silva, Integrator Ltd" --technician "Bo Berg, Lifts Ltd"
     """
     loaded = load_site_or_exit(site)
     if loaded.unusable:

@@ -58,11 +58,14 @@ def report(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
 ) -> None:
-    """Write the report of an acceptance test: HTML for A4 paper and signatures, JSON or CSV for other programs.
+    """Write the report of an acceptance test.
 
-    `lift-manager checkout-report site.yaml main -o report.html` reports the test at the lift, with what differs from that in the factory.
+    HTML is for A4 paper and signatures, JSON and CSV are for other programs. The report of the test at the lift shows what differs from
+    that in the factory.
 
     Print the HTML from Chromium, Chrome or Edge: each page then has the hash of the record and its number.
+
+    Example: lift-manager checkout-report site.yaml main -o report.html
     """
     try:
         form = _FORMS[check_ending(output, _FORMS)]

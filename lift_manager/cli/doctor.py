@@ -92,9 +92,11 @@ def doctor(  # noqa: PLR0913  a parameter per option
         ),
     ] = None,
 ) -> None:
-    """Find what is wrong between a map and a controller, by reading alone: one connection, one read at a time, no write.
+    """Find what is wrong between a map and a controller.
 
-    Stop the manager first. Exit code 0: nothing needs work (with --against: nothing differs); 1: something does; 2: it could not run.
+    It only reads: one connection, one read at a time. Stop the manager first.
+
+    Exit codes: 0 nothing needs work (with --against: nothing differs); 1 something does; 2 it could not run.
 
     Example: lift-manager doctor 192.0.2.10:502 --map generic-registers --floors B1=-1,G=0,L1=1
     """

@@ -70,9 +70,9 @@ def init(  # noqa: PLR0913  a parameter per option
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
     offline: Annotated[bool, typer.Option("--offline", help="Do not connect.")] = False,
 ) -> None:
-    """Write the site file of a first lift, and look at once whether its controller answers; nothing is written to the lift.
+    """Write the site file of a first lift.
 
-    At a terminal it asks for what is not given as an option.
+    It asks for what is not given as an option, connects at once to see whether the controller answers, and writes nothing to the lift.
 
     Example: lift-manager init site.yaml --host 192.0.2.10 --map generic-registers --lift main --floors B1=-1,G=0,L1=1
     """

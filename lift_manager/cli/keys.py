@@ -48,7 +48,12 @@ def make(
         typer.Option("--lift", metavar="LIFT", help="A lift that this robot, or RMF, may command; can be repeated."),
     ] = None,
 ) -> None:
-    """Make a key and print it, this once: the key on stdout, all else on stderr."""
+    """Make a key and print it, this once.
+
+    The key goes to stdout, everything else to stderr.
+
+    Example: lift-manager keys make site.yaml --name kitchen --role robot --lift goods
+    """
     loaded = load_site_or_exit(site)
     key = Key("", _check_name(name), role, _lifts(loaded, role, lift or []))
     path = keys_path(store_path_of(loaded))
@@ -85,7 +90,12 @@ def _keep_to_owner(stream: TextIO) -> None:
 
 @app.command("list")
 def list_keys(site: SiteFile) -> None:
-    """List the keys of a site, live and revoked; never the keys themselves."""
+    """List the keys of a site, live and revoked.
+
+    A key itself is never shown again.
+
+    Example: lift-manager keys list site.yaml
+    """
     loaded = load_site_or_exit(site)
     path = keys_path(store_path_of(loaded))
     try:
@@ -101,7 +111,12 @@ def list_keys(site: SiteFile) -> None:
 def revoke(
     site: SiteFile, name: Annotated[str, typer.Argument(metavar="NAME", help="The name of a live key.")]
 ) -> None:
-    """Revoke a key; it is refused within a second. A session that it holds ends with its lease, or by `lift-manager release`."""
+    """Revoke a key.
+
+    It is refused within a second. A session that it holds ends with its lease, or by `lift-manager release`.
+
+    Example: lift-manager keys revoke site.yaml kitchen
+    """
     loaded = load_site_or_exit(site)
     path = keys_path(store_path_of(loaded))
     try:

@@ -55,7 +55,12 @@ def demo(
     *,
     no_panel: NoPanel = False,
 ) -> None:
-    """Run three simulated lifts and a manager, with nothing to configure."""
+    """Run three simulated lifts and a manager.
+
+    Nothing has to be configured. It prints where the page and the panel are, and what to try. Ctrl-C ends it.
+
+    Example: lift-manager demo --speed 10
+    """
     log_to_stderr(log_format)
     raise_file_limit()
     try:
@@ -96,9 +101,13 @@ def simulate(  # noqa: PLR0913  the options of the command
     panel: PanelPort = None,
     no_panel: NoPanel = False,
 ) -> None:
-    """Serve one simulated lift that any Modbus/TCP tool can read and command, or replay a recorded controller.
+    """Serve one simulated lift, or replay a recorded controller.
 
-    Examples: lift-manager simulate generic-registers; lift-manager simulate --replay door-problem.jsonl
+    Any Modbus/TCP tool can read and command it. It has the registers of the map, and prints them.
+
+    Example: lift-manager simulate generic-registers --floors G=1,L1=2,L2=3
+
+    Example: lift-manager simulate --replay door-problem.jsonl
     """
     if bool(map_name) == (replay is not None):
         raise typer.BadParameter("give a map, or --replay with a recording", param_hint="MAP")

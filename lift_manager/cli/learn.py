@@ -97,10 +97,11 @@ def learn(  # noqa: PLR0913  each is an option of the command line
     yes: Annotated[bool, typer.Option("--yes", help="Begin without a question.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there already.")] = False,
 ) -> None:
-    """Find out which registers of an undocumented controller show position, door and motion, while you ride; writes a draft of a map.
+    """Draft a map of an undocumented controller while you ride.
 
-    It only reads. First it finds what can be read, then it records all of it while you name each floor, then it says what it found, how sure
-    that is, and why. A draft has no commands, and must be checked signal by signal. Exit code 1 where nothing was found.
+    It only reads. It finds out what can be read, and records all of it while you name each floor. Then it proposes which registers show
+    position, door and motion, how sure that is, and why. A draft has no commands, and must be checked signal by signal. Exit code 1 if
+    nothing was found.
 
     Example: lift-manager learn 192.0.2.10:502 -o east.yaml --samples ride.json
     """

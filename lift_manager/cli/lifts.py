@@ -33,7 +33,12 @@ def lifts(
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Show the lifts of a running manager: where each is, its door, its mode and who holds it. Exit code 1 where no manager answers."""
+    """Show the lifts of a running manager.
+
+    Where each car is, its door, its mode and who holds it. Exit code 1 if no manager answers.
+
+    Example: lift-manager lifts --follow
+    """
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     if follow:
         try:

@@ -41,51 +41,62 @@ COMMANDS = {
     "scenario": "scenario:app",
     "rmf": "rmf:app",
 }
-"""Module of this package, and the function or group in it, by command; in the order of the help."""
+"""Module of this package, and the function or group in it, by command."""
 
 
 SUMMARIES = {
-    "demo": "Run three simulated lifts and a manager, with nothing to configure.",
-    "serve": "Run the lift manager for a site.",
-    "check": "Find every mistake in a site file or a register map; exits 2 if there is one.",
-    "simulate": "Serve one simulated lift that any Modbus/TCP tool can read and command, or replay a recorded controller.",
-    "init": "Write the site file of a first lift, and look at once whether its controller answers; nothing is written to the lift.",
-    "doctor": "Find what is wrong between a map and a controller, by reading alone: one connection, one read at a time, no write.",
-    "learn": "Find out which registers of an undocumented controller show position, door and motion, while you ride; writes a draft of a map.",
-    "checkout": "Test a lift item by item with the person at its doors, and keep a record that people sign.",
-    "checkout-report": "Write the report of an acceptance test: HTML for A4 paper and signatures, JSON or CSV for other programs.",
-    "keys": "Make, list and revoke the keys of a site.",
-    "lifts": "Show the lifts of a running manager: where each is, its door, its mode and who holds it. Exit code 1 where no manager answers.",
-    "watch": "Show every signal of a lift, live, with the car in its shaft and the last minute. Reads only. Ctrl-C ends it.",
-    "trace": "Record every Modbus frame of a link, for Wireshark too, and read what was recorded.",
-    "ride": "Ride as a robot would: print its guidance, and report when it has entered and left. Ctrl-C cancels, and waits until the robot is out.",
-    "poke": "Try one command of a lift: show the exact frames, ask, send, and show what the lift does.",
-    "ack": "Acknowledge that a lift was checked after a fire, that no robot is in its car, or that its signals may be trusted again.",
-    "lockout": "Keep robots off a lift, over restarts too, until somebody ends that with --end.",
-    "drain": "Let present sessions end and no new one begin, over restarts too, until somebody ends that with --end.",
-    "release": "End the session that holds a lift; everything is released, and the car does not move.",
-    "audit": "Show who requested what, what was written to the lift because of it, and the outcome; export and verify the journal.",
-    "maps": "List, show and check register maps; plan what they send; print I/O lists and PLC programs.",
-    "network": "Show what the owner's network should let through for a site, as a table or as rules for other programs.",
-    "backup": "Back up a site: site file, maps, certificates and keys, state, journal, API keys and checkout records.",
-    "restore": "Restore a site from a backup, while no manager runs for it, and lock out every lift.",
-    "bundle": "Write a support bundle: site file, maps, versions, journal, and the state of a running manager, without secrets.",
-    "scenario": "Play requests, faults and people against a simulated site, and judge the outcome.",
-    "rmf": "Run the Open-RMF lift adapter next to a manager, without ROS; or inspect the messages between RMF and lifts.",
+    "Try it": {
+        "demo": "Run three simulated lifts and a manager.",
+        "simulate": "Serve one simulated lift, or replay a recorded controller.",
+        "scenario": "Play faults and people against a simulated site.",
+    },
+    "Run a manager": {
+        "serve": "Run the lift manager for a site.",
+        "check": "Find every mistake in a site file or a register map.",
+        "keys": "Make, list and revoke the keys of a site.",
+        "network": "Show what the owner's network should let through.",
+        "rmf": "Run the Open-RMF adapter without ROS, or inspect messages.",
+    },
+    "Commission a lift": {
+        "init": "Write the site file of a first lift.",
+        "maps": "List and check maps; print I/O lists and PLC programs.",
+        "learn": "Draft a map of an undocumented controller while you ride.",
+        "doctor": "Find what is wrong between a map and a controller.",
+        "watch": "Show every signal of a lift, live.",
+        "trace": "Record every Modbus frame of a link, and read a recording.",
+        "poke": "Try one command of a lift.",
+        "checkout": "Test a lift item by item, for a record that people sign.",
+        "checkout-report": "Write the report of an acceptance test.",
+    },
+    "Operate lifts": {
+        "lifts": "Show the lifts of a running manager.",
+        "ride": "Ride a lift as a robot would.",
+        "ack": "Acknowledge that a lift was checked.",
+        "lockout": "Keep robots off a lift.",
+        "drain": "Let present sessions end and no new one begin.",
+        "release": "End the session that holds a lift.",
+    },
+    "Keep records": {
+        "audit": "Show, export and verify the journal.",
+        "backup": "Back up a site.",
+        "restore": "Restore a site from a backup, and lock out every lift.",
+        "bundle": "Write a support bundle, without secrets.",
+    },
 }
-"""How the help of a command begins; here once more, because the list of all commands imports none of them."""
+"""How the help of a command begins, by group; here once more, because the list of all commands imports none of them."""
 
 
 class Commands(TyperGroup):
     """Looks up commands in `COMMANDS`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Name every command."""
-        return list(COMMANDS)
+        """Name every command, in the order of the help."""
+        return [name for summaries in SUMMARIES.values() for name in summaries]
 
     def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand:
         """Return what the list of commands shows of one; the command itself is not imported."""
-        return TyperCommand(cmd_name, help=SUMMARIES[cmd_name])
+        group = next(group for group, summaries in SUMMARIES.items() if cmd_name in summaries)
+        return TyperCommand(cmd_name, help=SUMMARIES[group][cmd_name], rich_help_panel=group)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Import the command that is called. An unknown one ends the program and names the most similar one."""
@@ -106,7 +117,15 @@ def load_command(name: str) -> Any:
         alone.command(name)(found)
         command = get_command(alone)
     command.name = name
+    _unwrap_help(command)
     return command
+
+
+def _unwrap_help(command: Any) -> None:
+    """Join the lines of each paragraph: typer prints them as they are broken in the source."""
+    command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in command.help.split("\n\n"))
+    for inner in getattr(command, "commands", {}).values():
+        _unwrap_help(inner)
 
 
 app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)

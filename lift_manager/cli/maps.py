@@ -30,7 +30,7 @@ from lift_manager.commissioning.plc.program import render as render_program
 from register_maps.codec import compile_map
 from register_maps.errors import MapFileError
 
-app = typer.Typer(help="List, show and check register maps; plan what they send; print I/O lists and PLC programs.")
+app = typer.Typer()
 
 
 def _as_xlsx(found: IoList) -> bytes:
@@ -52,14 +52,24 @@ Output = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Wh
 
 @app.callback(invoke_without_command=True)
 def default(context: typer.Context, *, as_json: Json = False) -> None:
-    """List, show and check register maps; plan what they send; print I/O lists and PLC programs."""
+    """List and check maps; print I/O lists and PLC programs.
+
+    Alone it lists the shipped maps.
+
+    Example: lift-manager maps
+    """
     if context.invoked_subcommand is None:
         list_maps(as_json=as_json)
 
 
 @app.command("list")
 def list_maps(*, as_json: Json = False) -> None:
-    """List the shipped maps: the source of each, and its signals and commands."""
+    """List the shipped maps.
+
+    The source of each, and its signals and commands.
+
+    Example: lift-manager maps list --json
+    """
     maps = maps_list.shipped_maps()
     if as_json:
         print_json(maps)
@@ -69,7 +79,12 @@ def list_maps(*, as_json: Json = False) -> None:
 
 @app.command()
 def show(map_name: MapName, *, as_json: Json = False) -> None:
-    """Show every point of a map: printed address, address on the wire, function, coding, source."""
+    """Show every point of a map.
+
+    Address as printed and on the wire, function, coding, source; and every fault, with how soon the manager sees it.
+
+    Example: lift-manager maps show generic-registers
+    """
     sheet = maps_show.map_sheet(load_map_or_exit(map_name))
     if as_json:
         print_json(sheet)
@@ -81,7 +96,12 @@ def show(map_name: MapName, *, as_json: Json = False) -> None:
 def check(
     file: Annotated[str, typer.Argument(metavar="FILE|MAP", help="A map file, or a shipped map by name.")],
 ) -> None:
-    """Find every mistake of a map, with a remedy for each; exits 2 if there is one."""
+    """Find every mistake of a map, with a remedy for each.
+
+    Exits 2 if there is a mistake.
+
+    Example: lift-manager maps check ./my-lift.yaml
+    """
     try:
         print_lines(maps_check.report(file))
     except MapFileError as error:
@@ -90,7 +110,12 @@ def check(
 
 @app.command()
 def plan(map_name: MapName, floors: Floors = "") -> None:
-    """Print the requests of one poll and of each command, as hex and in plain words; sends nothing."""
+    """Print the requests of one poll and of each command.
+
+    As bytes and in plain words. Nothing is sent.
+
+    Example: lift-manager maps plan generic-registers
+    """
     loaded = load_map_or_exit(map_name)
     named = read_floors(floors)
     try:
@@ -103,7 +128,12 @@ def plan(map_name: MapName, floors: Floors = "") -> None:
 
 @app.command()
 def iolist(site: SiteFile, output: Output, *, force: Force = False) -> None:
-    """Write the I/O list that is handed to the lift company, as .xlsx, .csv or .html."""
+    """Write the I/O list that the lift company checks and signs.
+
+    The ending of the file chooses the form: .xlsx, .csv or .html.
+
+    Example: lift-manager maps iolist site.yaml -o io.xlsx
+    """
     loaded = load_site_or_exit(site)
     try:
         render = _IO_LISTS[check_ending(output, _IO_LISTS)]
@@ -117,7 +147,12 @@ def iolist(site: SiteFile, output: Output, *, force: Force = False) -> None:
 
 @app.command()
 def plc(map_name: MapName, output: Output, floors: Floors = "", *, force: Force = False) -> None:
-    """Write a PLC program (Structured Text, .st) that serves a generic map, and the sheet for its wiring beside it."""
+    """Write a PLC program that serves a generic map.
+
+    It is Structured Text (.st), with the wiring sheet beside it.
+
+    Example: lift-manager maps plc generic-registers -o block.st
+    """
     loaded = load_map_or_exit(map_name)
     named = read_floors(floors)
     wiring = output.with_name(f"{output.stem}-wiring.md")

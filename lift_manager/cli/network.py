@@ -54,7 +54,12 @@ def show(  # noqa: PLR0913 - one parameter for each option that is typed
     ] = False,
     user: Annotated[str, typer.Option(help="With --nftables: the user that the manager runs as.")] = "lift-manager",
 ) -> None:
-    """Show what the owner's network should let through for a site, as a table or as rules for other programs."""
+    """Show what the owner's network should let through.
+
+    As a table, or as rules for other programs.
+
+    Example: lift-manager network site.yaml --nftables
+    """
     if suricata + nft + nft_gateway + unit > 1:
         raise typer.BadParameter("one of --suricata, --nftables, --nftables-gateway and --systemd at a time")
     managers, networks = [_address(text) for text in manager], [_network(text) for text in clients]

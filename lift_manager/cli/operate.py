@@ -37,7 +37,12 @@ def ack(
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Acknowledge that a lift was checked after a fire, that no robot is in its car, or that its signals may be trusted again."""
+    """Acknowledge that a lift was checked.
+
+    It was checked after a fire, no robot is in its car, or its signals may be trusted again. The manager then accepts robots.
+
+    Example: lift-manager ack main --by "M. Weber"
+    """
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     result = connection.run(lambda client: client.acknowledge(lift, by))
     causes = {
@@ -62,7 +67,12 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Keep robots off a lift, over restarts too, until somebody ends that with --end."""
+    """Keep robots off a lift.
+
+    The lockout outlasts a restart, and ends with --end.
+
+    Example: lift-manager lockout main --by "M. Weber" --reason "cleaning the car"
+    """
     _check_reason("lockout", reason, end=end)
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     if end:
@@ -91,7 +101,12 @@ def drain(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Let present sessions end and no new one begin, over restarts too, until somebody ends that with --end."""
+    """Let present sessions end and no new one begin.
+
+    The drain outlasts a restart, and ends with --end.
+
+    Example: lift-manager drain --all --by "M. Weber" --reason "update at noon"
+    """
     if bool(lift) == all_lifts:
         raise typer.BadParameter("name one lift, or all of them with --all", param_hint="LIFT")
     _check_reason("drain", reason, end=end)
@@ -133,7 +148,12 @@ def release(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """End the session that holds a lift; everything is released, and the car does not move."""
+    """End the session that holds a lift.
+
+    Everything is released, and the car does not move.
+
+    Example: lift-manager release main --by "M. Weber" --reason "robot is out of battery"
+    """
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     result = connection.run(lambda client: client.force_release(lift, by, reason, now=now))
     print_lines([f"{result.by}, {_shown(result.at)}: {result.text}"])

@@ -91,13 +91,15 @@ def poke(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Try one command of a lift: show the exact frames, ask, send, and show what the lift does.
+    """Try one command of a lift.
 
-    Through the running manager, or with --site without one. All rules hold: no press in fire, in inspection, during a lockout, or on a
-    lift that another robot holds. What was on is released at the end, after Ctrl-C too. Without a terminal nothing is sent unless --yes is
-    given. Example: lift-manager poke east go_to L3 --site site.yaml
+    It shows the exact frames, asks, sends, and shows what the lift does: through the running manager, or with --site without one. All
+    rules hold: no press in fire, in inspection, during a lockout, or on a lift that another robot holds. Everything is released at the
+    end, after Ctrl-C too. Without a terminal nothing is sent unless --yes is given.
 
     Exit codes: 0 confirmed, or nothing was to be sent; 1 it cannot be tried; 3 rejected; 4 unconfirmed, or not verified to be released.
+
+    Example: lift-manager poke east go_to L3 --site site.yaml
     """
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     if " " in command and not floor:

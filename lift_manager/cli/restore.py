@@ -45,12 +45,12 @@ def restore(
         typer.Option("--force", help="Replace files that are there already; they are kept in a folder of their own."),
     ] = False,
 ) -> None:
-    """Restore a site from a backup, while no manager runs for it, and lock out every lift.
+    """Restore a site from a backup, and lock out every lift.
 
-    A backup does not know what happened since: a fire, a lockout, a robot in a car. So no robot is served on a lift until a person has
-    looked at it and ended its lockout. Sessions and rides of the backup are over.
+    Stop its manager first. A backup does not know what happened since: a fire, a lockout, a robot in a car. So no robot is served on a
+    lift until a person has looked at it and ended its lockout. Sessions and rides of the backup are over.
 
-    Example: lift-manager restore tower.tar.gz /etc/lift-manager/site.yaml --by 'Anna Berg'
+    Example: lift-manager restore tower.tar.gz /etc/lift-manager/site.yaml --by "Anna Berg"
     """
     if not is_printable(by) or not by.strip() or len(by) > 64:
         raise typer.BadParameter("give your name on one line, with at most 64 letters", param_hint="--by")

@@ -63,11 +63,14 @@ def ride(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Ride as a robot would: print its guidance, and report when it has entered and left. Ctrl-C cancels, and waits until the robot is out.
+    """Ride a lift as a robot would.
 
-    SIGTERM, SIGHUP and Ctrl-D do the same; a second one ends the command at once, and the ride goes on.
+    It prints the guidance of the manager, and reports when the robot has entered and left. Ctrl-C cancels, and waits until the robot is
+    out. SIGTERM, SIGHUP and Ctrl-D do the same; a second one ends the command at once, and the ride goes on.
 
     Exit codes: 0 the robot has arrived; 1 no manager, or it refused; 3 the ride was cancelled; 4 it was given up; 5 the ride goes on.
+
+    Example: lift-manager ride any L1 L2 --robot demo --yes
     """
     if not yes and (sys.platform == "win32" or not sys.stdin.isatty()):
         raise typer.BadParameter("without a terminal nobody can confirm that the robot is inside", param_hint="--yes")

@@ -39,9 +39,7 @@ from lift_manager.rmf.remote_manager import RemoteManager
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import RunningAdapter
 
-app = typer.Typer(
-    help="Run the Open-RMF lift adapter next to a manager, without ROS; or inspect the messages between RMF and lifts."
-)
+app = typer.Typer()
 app.command("watch")(rmf_tools.watch)
 app.command("request")(rmf_tools.request)
 
@@ -83,7 +81,12 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
     ] = "127.0.0.1",
     log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
-    """Run the Open-RMF lift adapter next to a manager, without ROS; or inspect the messages between RMF and lifts."""
+    """Run the Open-RMF adapter without ROS, or inspect messages.
+
+    The adapter runs beside a manager; `lift-manager serve --rmf` runs it inside.
+
+    Example: lift-manager rmf --manager-address lift-pc.example --key-file rmf.key
+    """
     if context.invoked_subcommand is not None:
         _refuse_options(context, context.invoked_subcommand)
         return

@@ -48,7 +48,12 @@ def watch(
     adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
 ) -> None:
-    """Print who holds which lift, and every request and change as it happens, until Ctrl-C. Sends nothing."""
+    """Print who holds which lift, and every request and change.
+
+    Until Ctrl-C. Nothing is sent.
+
+    Example: lift-manager rmf watch
+    """
     settings = ros_settings(
         domain=domain,
         namespace=namespace,
@@ -92,7 +97,12 @@ def request(  # noqa: PLR0913  each is an option of the command line
     adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
 ) -> None:
-    """Request a lift as a robot of RMF does: from the lift supervisor, or from the lift adapter if there is none. Exit code 1 if it does not come."""
+    """Request a lift as a robot of RMF does.
+
+    From the lift supervisor, or from the lift adapter if there is none. Exit code 1 if the lift does not come.
+
+    Example: lift-manager rmf request main L2
+    """
     if end != (floor is None):
         raise typer.BadParameter("give a floor, or --end without one", param_hint="FLOOR")
     if closed and not human:

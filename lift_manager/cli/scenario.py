@@ -17,14 +17,12 @@ from lift_manager.lab.scenario.verdict import Verdict, lines, summary, verdict_o
 from lift_manager.lab.world.world import WorldError
 from register_maps.errors import Finding, MapFileError
 
-app = typer.Typer(
-    no_args_is_help=True, help="Play requests, faults and people against a simulated site, and judge the outcome."
-)
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.callback()
 def group() -> None:
-    """Play requests, faults and people against a simulated site, and judge the outcome."""
+    """Play faults and people against a simulated site."""
 
 
 @app.command()
@@ -38,7 +36,12 @@ def run(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for other programs.")] = False,
 ) -> None:
-    """Play scenarios; exits 1 if an expectation fails, and 2 if a file has mistakes. Takes no real time."""
+    """Play scenarios, and judge the outcome.
+
+    Takes no real time. Exits 1 if an expectation fails, and 2 if a file has mistakes.
+
+    Example: lift-manager scenario run examples/scenarios/fire-while-waiting.yaml
+    """
     if trace is not None and len(files) > 1:
         raise typer.BadParameter("a trace is of one scenario; give one file", param_hint="--trace")
     for name in ("lift_manager", "drivers"):  # their log is part of the trace

@@ -73,7 +73,12 @@ def serve(
     log_format: LogOption = LogFormat.HUMAN,
     workers: Annotated[int | None, typer.Option(hidden=True)] = None,
 ) -> None:
-    """Run the lift manager for a site."""
+    """Run the lift manager for a site.
+
+    Ctrl-C or SIGTERM releases everything, and then ends it.
+
+    Example: lift-manager serve site.yaml
+    """
     if workers is not None:
         raise typer.BadParameter(NO_WORKERS, param_hint="--workers")
     stopped_early = remember_sigterm()

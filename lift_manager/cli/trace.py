@@ -50,9 +50,7 @@ from lift_manager.runtime.links import WireFrame
 from lift_manager.web.events.frames import encode_frame
 from register_maps.error_texts import closest
 
-app = typer.Typer(
-    no_args_is_help=True, help="Record every Modbus frame of a link, for Wireshark too, and read what was recorded."
-)
+app = typer.Typer(no_args_is_help=True, help="Record every Modbus frame of a link, and read a recording.")
 
 SILENT_S = 5.0
 """After so long without a frame the progress names it. Chosen: every lift is polled more often."""
@@ -96,12 +94,14 @@ def record(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Record every frame between the manager and one controller. Nothing is written to a lift because of it.
+    """Record every frame between the manager and one controller.
 
-    Where the manager has keys this needs one of the role commissioner. With --site it polls the lifts itself, in the place
-    of a manager, and records from the first frame of the connection on.
+    It writes a file for `trace show` and one for Wireshark, and nothing to a lift. Where the manager has keys, this needs one with the
+    role commissioner. With --site it polls the lifts itself, in place of a manager, and records from the first frame of the connection.
 
-    Exit code 1 if the controller gave no answer. Example: lift-manager trace record plc -o door-problem --for 30s
+    Exit code 1 if the controller gave no answer.
+
+    Example: lift-manager trace record plc -o door-problem --for 30s
     """
     recording = _OpenRecording(_path(output, ".jsonl"), _path(output, ".pcapng"), for_s)
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
@@ -151,7 +151,9 @@ def show(  # noqa: PLR0913  each is an option of the command line
         bool, typer.Option("--changes", help="No reads that return the same as the time before.")
     ] = False,
 ) -> None:
-    """Show a recording: one line for each request with its answer, and with --site or --map signals and commands by name.
+    """Show a recording: one line for each request with its answer.
+
+    With --site or --map, signals and commands have their names.
 
     Example: lift-manager trace show door-problem.jsonl --map generic-registers --changes
     """

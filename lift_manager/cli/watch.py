@@ -62,9 +62,12 @@ def watch(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Show every signal of a lift, live, with the car in its shaft and the last minute. Reads only. Ctrl-C ends it.
+    """Show every signal of a lift, live.
 
-    In a pipe it prints one line for each change instead. Example: lift-manager watch east --site site.yaml --record changes.csv
+    It also shows the car in its shaft, and the last minute. In a pipe it prints one line for each change instead. It only reads. Ctrl-C
+    ends it.
+
+    Example: lift-manager watch east --site site.yaml --record changes.csv
     """
     if record is not None and once:
         raise typer.BadParameter(

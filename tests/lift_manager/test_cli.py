@@ -86,7 +86,7 @@ HELP = {
     "": ["Connect robots to real lifts", "demo", "serve", "check", "simulate", "maps"],
     "demo": ["three simulated lifts", "--port", "5003", "--speed", "--panel", "--no-panel"],
     "serve": ["Run the lift manager", "SITE", "--port"],
-    "check": ["Find every", "FILE", "exits 2"],
+    "check": ["Find every", "FILE", "Exits 2"],
     "lifts": ["running manager", "--json", "--follow", "--manager", "--key-file"],
     "ride": [
         "LIFT",
@@ -332,7 +332,15 @@ def test_every_word_of_the_help_leads_to_a_command_of_that_name() -> None:
 
 
 def test_the_list_of_commands_shows_how_the_help_of_each_begins() -> None:
-    assert {word: " ".join(load_command(word).help.split("\n\n")[0].split()) for word in COMMANDS} == SUMMARIES
+    listed = {word: line for summaries in SUMMARIES.values() for word, line in summaries.items()}
+    assert {word: load_command(word).help.split("\n\n")[0] for word in COMMANDS} == listed
+
+
+def test_the_list_of_commands_has_one_line_for_each_on_a_terminal_of_80_columns() -> None:
+    lines = [line.strip("│ ") for line in call("--help").stdout.splitlines()]
+    for summaries in SUMMARIES.values():
+        for word, summary in summaries.items():
+            assert f"{word:{max(map(len, COMMANDS))}}  {summary}" in lines
 
 
 def test_the_list_of_commands_imports_none_of_them() -> None:

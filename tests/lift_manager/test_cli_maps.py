@@ -281,9 +281,9 @@ def test_a_program_with_another_ending_is_refused(folder: Path) -> None:
 HELP = {
     "": ["list", "show", "check", "plan", "iolist", "plc", "--json"],
     "list": ["shipped maps", "--json"],
-    "show": ["MAP", "--json", "address on the wire"],
-    "check": ["FILE|MAP", "exits 2"],
-    "plan": ["MAP", "--floors", "hex", "sends nothing"],
+    "show": ["MAP", "--json", "on the wire"],
+    "check": ["FILE|MAP", "Exits 2"],
+    "plan": ["MAP", "--floors", "bytes", "Nothing is sent"],
     "iolist": ["SITE", "--output", "-o", "--force", ".xlsx, .csv or .html"],
     "plc": ["MAP", "--output", "-o", "--floors", "--force", "Structured Text"],
 }
