@@ -1,4 +1,4 @@
-"""How a lift goes on after every input: what ends, what is pressed and held for the session, and what is left to do after it."""
+"""What happens to a lift after every input: what ends, what is pressed and held for the session, and what is left to do afterwards."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Over = tuple[EndReason, str]
 
 
 def advance(draft: Draft) -> None:
-    """Bring requests and the newest observation together."""
+    """Reconcile what is requested with the newest observation."""
     _advance(draft)
     history.judge_commands(draft)
 
@@ -33,13 +33,13 @@ def advance(draft: Draft) -> None:
 def _advance(draft: Draft) -> None:
     end_what_is_over(draft)
     if (last := draft.record.observation) is not None:
-        # letting go needs no fresh reading: a poll may take longer than a reading counts
+        # a release needs no fresh reading: a poll may take longer than a reading counts
         obey_mode(draft, last)
     if release_in_fire(draft):
         return
     end_by_time(draft)
     if draft.record.robot_mode.kept_until is not None:
-        # a lift that is still in robot mode is none for people
+        # a lift that is still in robot mode is not available to people
         give_people_their_turn(draft)
     if draft.session is None or people_have_their_turn(draft.record, draft.moment):
         _rest(draft)
@@ -76,7 +76,7 @@ def _serve(draft: Draft, session: Session, observation: Observation) -> None:
 
 
 def _serve_call(draft: Draft, session: Session, observation: Observation) -> Session | Over:
-    """Return the session as it goes on by a reading, or why it is over."""
+    """Return the session as it continues after a reading, or why it is over."""
     config, now, call = draft.config, draft.now, draft.record.call
     if call is None:
         handshake.follow_robot(draft, observation, None)
@@ -120,7 +120,7 @@ def _holder_has_to(session: Session, call: Call, *, is_hold: bool) -> str:
 
 
 def _await_grant(draft: Draft, session: Session, call: Call, what: str) -> Session | Over:
-    """Let the lease stand still while the lift has not granted what is needed, such as robot mode, but not for ever."""
+    """Stop the lease while the lift has not granted what is needed, such as robot mode, but not indefinitely."""
     within_s = draft.config.capabilities.granted_within_s
     draft.change(waiting_for=f"{what}, which the lift has not granted yet")
     if draft.now - call.since > within_s:
@@ -129,7 +129,7 @@ def _await_grant(draft: Draft, session: Session, call: Call, what: str) -> Sessi
 
 
 def _await_word(draft: Draft, session: Session, observation: Observation) -> Session:
-    """Stay open for a robot aboard until the lift has been told of it; a robot on its way out needs nothing more."""
+    """Keep the door open for a robot aboard until the lift knows of it; a robot on its way out needs nothing more."""
     aboard = call_output.robot_is_aboard(draft.config, draft.record)
     if aboard and observation.floor is not None and observation.is_standing:
         return doors.hold_doors(draft, session, observation, observation.floor, begin=True)

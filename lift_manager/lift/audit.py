@@ -1,4 +1,4 @@
-"""How what happens to a lift is worded in the journal, and how much of what repeats has rows of its own.
+"""The journal's words for what happens to a lift, and which repetitions get rows of their own.
 
 Row suppression is a reducer beside `step`: it sees each request with its reply, and remembers what it only counted.
 """
@@ -44,7 +44,7 @@ from lift_manager.lift.session import Holder
 from register_maps.words import Mode
 
 REQUEST_ROWS = 30
-"""Requests of one caller for one lift that have rows of their own, a minute. Chosen: more than a ride and its second thoughts need."""
+"""How many requests of one caller for one lift get rows of their own, a minute. Chosen: more than a ride and its corrections need."""
 
 # -- events
 
@@ -137,7 +137,7 @@ def mode_row(lift: str, mode: Mode, before: Mode | None) -> Row:
 
 
 def modes_row(lift: str, mode: Mode | None, modes: Mapping[str, int], for_s: float) -> Row:
-    """Return the row of changes beyond those that have rows of their own; `modes` tells how often each was seen."""
+    """Return the row that sums up changes without rows of their own; `modes` says how often each mode was seen."""
     times = sum(modes.values())
     among = f"to {mode}" if len(modes) < 2 else f"between {' and '.join(sorted(modes))}, and is {mode}"
     text = f"the mode changed {times} times within {for_s:.0f} s {among}"
@@ -153,7 +153,7 @@ def link_row(lift: str, source: str, fault: str) -> Row:
 
 
 def links_row(lift: str, fault: str, changes: Mapping[str, int], for_s: float) -> Row:
-    """Return the row of changes beyond those that have rows of their own; `fault` is why the lift is not read at last."""
+    """Return the row that sums up changes without rows of their own; `fault` is why the lift is not read in the end."""
     times = sum(changes.values())
     text = f"the lift was lost or read again {times} times within {for_s:.0f} s, and is {fault and 'not '}read"
     data: dict[str, Json] = {"up": not fault, "times": times}
@@ -165,7 +165,7 @@ def press_row(
 ) -> Row:
     """Return the row that a press or the beginning of a hold waits for: what is wanted, and not what came of it.
 
-    `again` says that it is a hold that was found off.
+    `again` marks a hold that was found off.
     """
     data: dict[str, Json] = {"command": command.name, "floor": command.floor, "frames": list(frames)}
     why = " again: it was found off" if again else ""
@@ -190,24 +190,24 @@ def write_row(lift: str, holder: Holder | None, write: Written) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class RequestWords:
-    """A request as it is written down, without the id of the session and without keys; repeats of it are equal."""
+    """A request as the journal has it, without the id of the session and without keys; repeats are equal."""
 
     holder: Holder
     what: str
     floor: FloorName | None = None
     more: str = ""
-    """What else it says, in words."""
+    """What else it contains, in words."""
     data: Mapping[str, Json] = field(default_factory=dict)
     """The same as values."""
 
     @property
     def text(self) -> str:
-        """It in words."""
+        """The request in words."""
         return " ".join(part for part in (self.what, short(self.floor or ""), self.more) if part)
 
 
 def words_of(request: Request) -> RequestWords:
-    """Return a request as it is written down."""
+    """Return a request as the journal has it."""
     match request:
         case LiftRequest():
             hold = ", hold the door there" if request.hold_door else ", no hold"
@@ -245,29 +245,29 @@ def request_row(lift: str, words: RequestWords) -> Row:
 
 
 def refusal_row(lift: str, words: RequestWords, refused: Refused) -> Row:
-    """Return the row of a refusal; what was accepted shows by what follows."""
+    """Return the row of a refusal; an accepted request shows by what follows."""
     floor = words.floor or ""
     text = refused.message.replace(repr(floor), repr(short(floor)))
     return Row(RowKind.REQUEST, f"refused: {text}", lift, str(words.holder), {"refused": refused.code})
 
 
-# -- how much of it
+# -- how much of it is written
 
 
 @dataclass(frozen=True, slots=True)
 class CallerRows:
-    """What one caller asked of one lift last, and what of it was only counted."""
+    """The last request of one caller for one lift, and which of its requests were only counted."""
 
     limiter: RowRateLimiter = field(default_factory=lambda: RowRateLimiter(REQUEST_ROWS))
     words: RequestWords | None = None
     """The newest with a row of its own."""
     answer: str = ""
-    """What it was answered: `accepted`, or the code of the refusal."""
+    """The reply to it: `accepted`, or the code of the refusal."""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestRows:
-    """The requests for one lift, as far as the journal has them. Callers that were silent for longest are forgotten first."""
+    """The requests for one lift, as far as the journal has them. The callers that were silent for longest are forgotten first."""
 
     lift: str
     callers: Mapping[Holder, CallerRows] = field(default_factory=dict)
@@ -275,7 +275,7 @@ class RequestRows:
     def take(
         self, words: RequestWords, refused: Refused | None, now: float, *, known: bool
     ) -> tuple[RequestRows, tuple[Row, ...]]:
-        """Return the rows of a request and its reply; `known` tells a floor that the lift has: others count as one."""
+        """Return the rows of a request and its reply; `known` says whether the lift has a floor: all others count as one."""
         kind, answer = words if known else replace(words, floor=""), "accepted" if refused is None else refused.code
         rows, caller, made = self._having_room(words.holder, now)
         limiter, is_admitted = caller.limiter.admit(kind, now)
@@ -293,7 +293,7 @@ class RequestRows:
         return rows.having(words.holder, CallerRows(limiter.cleared(), words, answer)), made
 
     def report(self, holder: Holder, now: float) -> tuple[RequestRows, tuple[Row, ...]]:
-        """Return the row of what was only counted of a caller: something is pressed because of it."""
+        """Return the row of what was only counted of a caller: a press follows from it."""
         caller = self.callers.get(holder)
         if caller is None or not caller.limiter.counts:
             return self, ()
@@ -301,7 +301,7 @@ class RequestRows:
         return self.having(holder, replace(caller, limiter=caller.limiter.cleared())), made
 
     def report_due(self, now: float, *, end: bool = False) -> tuple[RequestRows, tuple[Row, ...]]:
-        """Return the rows of what was counted for long enough, or at the end of all of it."""
+        """Return the rows of what was counted for long enough, or of everything at the end."""
         rows: RequestRows = self
         made: tuple[Row, ...] = ()
         for holder, caller in self.callers.items():
@@ -316,7 +316,7 @@ class RequestRows:
         return replace(self, callers={**others, holder: caller})
 
     def _having_room(self, holder: Holder, now: float) -> tuple[RequestRows, CallerRows, tuple[Row, ...]]:
-        """Return a caller, and the row of the one that is forgotten for it."""
+        """Return a caller, and the row of the one that is forgotten to make room."""
         caller = self.callers.get(holder, CallerRows())
         callers = {**self.callers, holder: caller}
         if len(callers) <= CALLERS:

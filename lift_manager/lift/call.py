@@ -1,6 +1,6 @@
 """The call under way and its outcome: pressed once, followed until the car is there, and pressed again only after a pause.
 
-A caller that only ever repeats itself must neither press twice for one call nor strand on one lost pulse.
+A caller that only ever repeats itself must neither press twice for one call nor be stranded by one lost pulse.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ACKNOWLEDGEMENTS = frozenset({"robot_in_place", "robot_left"})
 
 @unique
 class CallPhase(StrEnum):
-    """Where a call, or a word to the controller that follows the same rules, is."""
+    """Phase of a call, or of a word to the controller that follows the same rules."""
 
     REQUESTED = "wanted"
     """To be pressed as soon as what it requires is granted."""
@@ -51,19 +51,19 @@ class Call:
     """When it entered this phase."""
     failures: int = 0
     not_before: float = 0.0
-    """Not pressed again before this time."""
+    """The time before which it is not pressed again."""
     missing: int = 0
     """Readings in a row that showed no trace of it."""
     reason: str = ""
     """Why it failed last; empty again once the lift has taken it."""
     reached: bool = False
-    """The car stood there for it, and has not been seen to leave."""
+    """The car stood there for it, and was not seen to leave since."""
     shut_since: float | None = None
-    """Since when an arrived car has shown nothing but shut doors, where an open one is the evidence that it stands."""
+    """Since when an arrived car has shown only shut doors, where an open door is the evidence that it stands."""
     press: PressId | None = None
-    """Its newest press; None where this process has not pressed."""
+    """Its newest press; None if this process has not pressed."""
     outcome: Outcome | None = None
-    """Of that press; None while it has none."""
+    """The outcome of that press; None while there is none."""
 
     @property
     def has_arrived(self) -> bool:
@@ -77,7 +77,7 @@ class Call:
 
     @property
     def is_answered(self) -> bool:
-        """Whether its newest press has its outcome; True where this process has not pressed."""
+        """Whether its newest press has its outcome; True if this process has not pressed."""
         return self.press is None or self.outcome is not None
 
 
@@ -85,7 +85,7 @@ class Call:
 
 
 def request_call(call: Call | None, floor: FloorName, now: float) -> Call:
-    """Take a request for a floor: a new call, or the same one, pressed again only if it failed and has waited."""
+    """Take a request for a floor: a new call, or the same one, pressed again only if it failed and its pause is over."""
     if call is None or call.floor != floor:
         return Call(floor, CallPhase.REQUESTED, now)
     if call.phase is CallPhase.FAILED and now >= call.not_before:
@@ -94,16 +94,17 @@ def request_call(call: Call | None, floor: FloorName, now: float) -> Call:
 
 
 def request_call_again(call: Call, now: float) -> Call:
-    """Want a fulfilled call to be pressed once more: it is what holds the door, and was released."""
+    """Press a fulfilled call once more: it holds the door, and was released."""
     if call.phase is not CallPhase.ARRIVED:
         return call
     return replace(call, phase=CallPhase.REQUESTED, since=now, missing=0, shut_since=None)
 
 
 def call_after_restart(floor: FloorName, now: float, *, pressed: bool) -> Call:
-    """Return the call of a session from before a restart. Nothing is pressed for it before the next request.
+    """Return the call of a session from before a restart.
 
-    One that was pressed is followed as if it had been confirmed by now: it arrives, or is lost.
+    Nothing is pressed for it before the next request. One that was pressed is followed as if it had just been confirmed: it
+    arrives, or is lost.
     """
     if pressed:
         return Call(floor, CallPhase.CONFIRMED, now)
@@ -111,17 +112,17 @@ def call_after_restart(floor: FloorName, now: float, *, pressed: bool) -> Call:
 
 
 def postpone(call: Call, now: float) -> Call:
-    """Let a call that is not pressed yet begin now: what it waited for is not counted against it."""
+    """Start the time of a call that is not pressed yet: what it waited for does not count against it."""
     return replace(call, since=now) if call.phase is CallPhase.REQUESTED else call
 
 
 def press_call(call: Call, press: PressId, now: float) -> Call:
-    """Note that it is pressed."""
+    """Record that it is pressed."""
     return replace(call, phase=CallPhase.PRESSED, since=now, missing=0, press=press, outcome=None)
 
 
 def call_without_press(call: Call, now: float) -> Call:
-    """Note that the lift sets out for this floor without a press of its own."""
+    """Record that the lift sets out for this floor without a press for it."""
     return replace(call, phase=CallPhase.CONFIRMED, since=now, missing=0, reason="")
 
 
@@ -147,7 +148,7 @@ def call_failed(call: Call, reason: str, now: float) -> Call:
 
 
 def call_found_off(call: Call, reason: str, now: float) -> Call:
-    """Note that a call from before a restart is not on: that is no failed press, so the next repeat presses at once."""
+    """Record that a call from before a restart is off: that is no failed press, so the next repeat presses at once."""
     return replace(call, phase=CallPhase.FAILED, since=now, not_before=now, reason=reason)
 
 
@@ -183,9 +184,10 @@ def follow_call(
 def may_press_call(
     call: Call, observation: Observation, capabilities: Capabilities, now: float, *, is_hold: bool = False
 ) -> bool:
-    """Whether a wanted call needs a press now: not while the car stops at its floor, unless a call opens or holds the door there.
+    """Whether a requested call needs a press now.
 
-    A car that stopped there, but not level, is called after a while.
+    Not while the car stops at its floor, unless a call opens or holds the door there. A car that stopped there, but not level, is
+    called after a while.
     """
     stopping = observation.floor == call.floor and observation.values.motion in (None, Motion.STOPPED)
     settling = stopping and now - call.since < SETTLES_WITHIN_S + capabilities.evidence_for_s
@@ -194,13 +196,13 @@ def may_press_call(
 
 
 def flags_missing(observation: Observation, capabilities: Capabilities, command: str) -> frozenset[str]:
-    """Return the flags that a command requires and the lift does not give, such as robot mode."""
+    """Return the flags that a command requires and the lift does not show, such as robot mode."""
     needs = capabilities.requires.get(command, frozenset())
     return frozenset(flag for flag in needs if not observation.values.flags.get(flag, False))
 
 
 def _arrived(call: Call, now: float, *, is_hold: bool) -> Call:
-    """Note that the car stands there. Failures of a call that holds the door are forgiven once it has held for a while."""
+    """Record that the car stands there. Failures of a call that holds the door are forgiven once it has held for a while."""
     if call.phase is not CallPhase.ARRIVED:
         failures = call.failures if is_hold else 0
         return replace(
@@ -222,10 +224,10 @@ def _arrived(call: Call, now: float, *, is_hold: bool) -> Call:
 def _still_arrived(
     call: Call, observation: Observation, capabilities: Capabilities, now: float, *, is_hold: bool
 ) -> Call:
-    """Find out whether the door shut, or the car left, for a car that is not seen to stand open at its floor any more.
+    """Find out whether the door shut, or the car left, after the car no longer stands open at its floor.
 
     Where an open door is the evidence, a shut one has to be read for longer than one reading counts: a call that is released
-    for one wrong reading shuts the door.
+    because of one wrong reading shuts the door.
     """
     is_here = observation.floor == call.floor
     if is_here and observation.is_standing:
@@ -244,7 +246,7 @@ def _still_arrived(
 def _must_open(call: Call, observation: Observation, capabilities: Capabilities, now: float) -> bool:
     """Whether the door is shut where the car stands, on a lift that opens it for a call: before the press, or after it closed again.
 
-    A failed call waits for the next repeat or an open door: a car that merely stands there has not answered it.
+    A failed call waits for the next repeat or an open door: a car that merely stands there has not responded to the call.
     """
     if not capabilities.same_floor_call or not has_no_open_door(observation.values):
         return False
@@ -273,25 +275,25 @@ def _is_shown(call: Call, observation: Observation, capabilities: Capabilities) 
 
 @dataclass(frozen=True, slots=True)
 class CallOutput:
-    """The call that was pressed last, as an output. A pulse has ended by itself since; a held call stays on until its end."""
+    """The call that was pressed last, as an output. A pulse ends by itself; a held call stays on until its end."""
 
     command: Command
     until: str
     """What ends it: `arrived`, `robot_in_place` or `robot_left`; empty for a pulse."""
     press: PressId | None
-    """None for one that is adopted from before a restart."""
+    """None for one that was adopted from before a restart."""
     renewed_at: float
     interrupted: bool = False
-    """It is released although it should keep the door open; it counts as off."""
+    """It is being released although it should keep the door open; it counts as off."""
 
     @property
     def keeps_door(self) -> bool:
-        """Whether it keeps the door open where it ends."""
+        """Whether it keeps the door open at its destination."""
         return self.until in ACKNOWLEDGEMENTS
 
 
 def call_command(config: LiftConfig, floor: FloorName, *, aboard: bool) -> Command | None:
-    """Return what brings the car to a floor; None where the map has nothing for it.
+    """Return the command that brings the car to a floor; None if the map has none.
 
     Where the door is part of the call, it is the front one if the floor has it.
     """

@@ -1,4 +1,4 @@
-"""When the button of the session's call is pressed, kept on and released. Two calls are never on together."""
+"""When the button of the session's call is pressed, held and released. Two calls are never on together."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def robot_is_aboard(config: LiftConfig, record: LiftRecord) -> bool:
 
 
 def held_call_ends_at(record: LiftRecord) -> str:
-    """Return what ends the held call that is on; empty for a pulse, or for none."""
+    """Return what ends the held call that is on; empty for a pulse, or if none is on."""
     return "" if record.call_output is None else record.call_output.until
 
 
@@ -59,7 +59,7 @@ def no_call_keeps_door(record: LiftRecord) -> bool:
 
 
 def call_is_on_at_floor(record: LiftRecord) -> bool:
-    """Whether the car has arrived by a call that keeps the door open, and that is not seen to be released."""
+    """Whether the car has arrived by a call that keeps the door open and is not seen to be released."""
     return record.call_has_arrived and not no_call_keeps_door(record)
 
 
@@ -72,13 +72,13 @@ def only_call_holds_door(config: LiftConfig, record: LiftRecord, session: Sessio
 
 
 def call_must_be_on(config: LiftConfig, record: LiftRecord, session: Session) -> bool:
-    """Whether the call is missed while it is off: it keeps the door open, and the robot has not said that it left."""
+    """Whether the call is missed while it is off: it keeps the door open, and the robot has not reported that it left."""
     is_requested = session.hold_door and not session.hold_spent and only_call_holds_door(config, record, session)
     return is_requested and record.boarding.occupancy is not Occupancy.EXITED
 
 
 def follow(draft: Draft, call: Call, observation: Observation, *, is_hold: bool) -> Call:
-    """Take a fresh reading. `is_hold` says that nothing but this call keeps the door open."""
+    """Take a fresh reading. `is_hold` means that nothing but this call keeps the door open."""
     capabilities, now = draft.config.capabilities, draft.now
     after = follow_call(call, observation, capabilities, now, is_hold=is_hold)
     holds = after.phase is CallPhase.ARRIVED and is_hold and call_keeps_door(draft.record) and after.is_answered
@@ -95,7 +95,7 @@ def press(draft: Draft, call: Call) -> None:
     aboard = robot_is_aboard(config, draft.record)
     command = call_command(config, call.floor, aboard=aboard)
     if command is None:
-        # where no call moves the occupied car, the word that a robot is in place has sent it on
+        # where no call moves the occupied car, the report that a robot is in place has started it
         draft.change(call=call_without_press(call, now))
         return
     output = draft.record.call_output
@@ -108,7 +108,7 @@ def press(draft: Draft, call: Call) -> None:
 
 
 def take_call_output(draft: Draft, output: CallOutput) -> None:
-    """Go on with this call as the one that is on."""
+    """Continue with this call as the one that is on."""
     draft.change(call_output=output)
     if output.keeps_door:
         draft.change(door_call=output.command)
@@ -135,7 +135,7 @@ def release_call_of_door(draft: Draft) -> None:
 
 
 def interrupt_call(draft: Draft) -> None:
-    """Release a call that keeps the door open, and miss it: it counts as lost from here on."""
+    """Release a call that keeps the door open, and count it as lost from now on."""
     output = draft.record.call_output
     if output is not None and output.keeps_door and not output.interrupted:
         draft.cancel(output.command, output.press)

@@ -25,7 +25,7 @@ from lift_manager.lift.session import Session, may_hold_again, renew, set_target
 from register_maps.words import Side
 
 _RELEASES = frozenset({CommandType.RELEASE_DOOR, CommandType.ROBOT_LEFT})
-"""What the holder of a session may still command whose end was announced."""
+"""The commands that the holder of a session may still give after its end was announced."""
 
 
 def give_command(draft: Draft, request: GiveCommand) -> CommandStatus | Refused:
@@ -113,7 +113,7 @@ def _close_door(draft: Draft, session: Session, command: CommandRequest) -> Refu
 def _robot_word(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
     config, observation, word = draft.config, draft.observation, ROBOT_WORDS[command.kind]
     refused = command_refusal(config, draft.record, draft.moment, goes_on=True)
-    # that it left wants nothing of the lift: nothing but the robot's own history forbids it
+    # a report that the robot left needs nothing of the lift: only the robot's own history can forbid it
     if refused is not None and word is RobotWord.IN_PLACE:
         return refused
     here = observation.floor if observation is not None else None
@@ -128,7 +128,7 @@ def _robot_word(draft: Draft, session: Session, command: CommandRequest) -> Refu
 def _request_floor(
     draft: Draft, session: Session, floor: FloorName, kind: CommandType, *, hold_door: bool
 ) -> Refused | None:
-    """Want a floor as a face without sessions wants it."""
+    """Request a floor as a face without sessions does."""
     refused = command_refusal(draft.config, draft.record, draft.moment, goes_on=True)
     refused = refused or handshake.take_request(draft, session, session.holder, floor, None)
     if refused is None:
@@ -164,7 +164,7 @@ _COMMANDS: Mapping[CommandType, Callable[[Draft, Session, CommandRequest], Refus
 
 
 def _changes_session(draft: Draft, command: CommandRequest) -> bool:
-    """Whether a command changes what is wanted. Releasing is free: nothing may stand in its way."""
+    """Whether a command changes what is requested. A release is always allowed."""
     session = draft.session
     if session is None or session.id != command.session or session.holder != command.holder:
         return False

@@ -1,6 +1,6 @@
-"""What the holder of a session has commanded, and what became of it.
+"""The commands of a session's holder, and their outcomes.
 
-A command is judged again whenever there is news, until it has its end; it never ends better than the lift shows.
+A command is judged again whenever there is news, until it has ended; it never ends better than the lift shows.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from register_maps.words import Side
 
 DOOR_WITHIN_S = 10.0
 """How long the hold of a door may take to be seen on, or off. Chosen: three times what a map may take to confirm a write, and less
-than a robot waits before it asks again."""
+than a robot waits before it repeats its request."""
 COMMANDS = 64
-"""Commands of one session that are remembered, the newest. Chosen: a ride needs ten."""
+"""How many commands of one session are remembered, the newest. Chosen: a ride needs ten."""
 SESSIONS, SESSIONS_FOR_S = 32, 3600.0
-"""How many sessions are remembered once they are over, and for how long. Chosen: a caller that lost its answer asks again within
-minutes, and a busy lift has thirty sessions an hour."""
+"""How many sessions are remembered once they are over, and for how long. Chosen: a caller that lost its reply repeats the request
+within minutes, and a busy lift has thirty sessions an hour."""
 
 SAVED_COMMANDS, SAVED_SESSIONS = 16, 8
-"""Commands of a session, and sessions that are over, whose idempotency keys outlive the manager. Chosen: a ride needs ten commands, and
-a caller that lost its answer over a restart asks again within minutes."""
+"""How many commands of a session, and how many ended sessions, keep their idempotency keys over a restart. Chosen: a ride needs
+ten commands, and a caller that lost its reply over a restart repeats the request within minutes."""
 
 REPLACED = "another request took its place"
 RESTARTED = "the manager was restarted, and nobody watches what comes of it; ask again"
@@ -35,7 +35,7 @@ RESTARTED = "the manager was restarted, and nobody watches what comes of it; ask
 
 @unique
 class CommandType(StrEnum):
-    """What may be commanded within a session."""
+    """What the holder may command within a session."""
 
     GO_TO = "go_to"
     """Bring the car to a floor: the empty car to the robot, or the robot along."""
@@ -43,7 +43,7 @@ class CommandType(StrEnum):
     """Hold the door open at the session's floor, or once the car is there; bounded by the site."""
     RELEASE_DOOR = "let_go_door"
     CLOSE_DOOR = "close_door"
-    """Press the close button. Its caller says that nothing stands in the doorway; refused while a robot may be there."""
+    """Press the close button. The caller guarantees that nothing stands in the doorway; refused while a robot may be there."""
     ROBOT_IN_PLACE = "robot_in_place"
     ROBOT_LEFT = "robot_left"
 
@@ -57,13 +57,13 @@ _DOOR_COMMANDS = (CommandType.HOLD_DOOR, CommandType.RELEASE_DOOR, CommandType.C
 
 @unique
 class CommandState(StrEnum):
-    """Where a command is. Acknowledged is not done."""
+    """How far a command is. Acknowledged is not done."""
 
     PENDING = "pending"
     CONFIRMED = "confirmed"
     """The lift shows that it has taken it; for `go_to` that it has the call or the car is there, which is not arrival."""
     REJECTED = "rejected"
-    """It was not carried out: nothing was sent, the controller said no, or another command took its place before it was pressed."""
+    """It was not carried out: nothing was sent, the controller refused it, or another command replaced it before it was pressed."""
     UNCONFIRMED = "unconfirmed"
     """It was sent, or may have been, and nothing shows that it took effect."""
 
@@ -81,14 +81,14 @@ class CommandRequest:
     hold_door: bool = True
     """With `go_to`: hold the door once the car is there."""
     side: Side | None = None
-    """With `close_door`: one door; all doors of the floor where it is None."""
+    """With `close_door`: one door; None means all doors of the floor."""
     key: str = field(default="", repr=False)
     """Idempotency key: the same one of the same session gives the same command; empty for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandStatus:
-    """A command within a session, and what has become of it."""
+    """A command within a session, and its outcome."""
 
     id: str
     lift: str
@@ -99,7 +99,7 @@ class CommandStatus:
     reason: str
     """Why it was rejected or is unconfirmed; while pending, what it waits for; empty otherwise."""
     proof: Proof
-    """What confirmed it; `none` where the lift need not be told, because its map has no signal for it or it is so already."""
+    """What confirmed it; `none` if the lift need not know, because its map has no signal for it or it is so already."""
     requested_at: datetime
     ended_at: datetime | None
 
@@ -112,7 +112,7 @@ class SessionOver:
     text: str
     """The reason in words."""
     advice: Advice | None
-    """What its robot does best; None where the holder ended it."""
+    """The robot's best course; None where the holder ended the session."""
     at: datetime
 
 
@@ -121,7 +121,7 @@ class SessionInfo:
     """A session as its holder sees it."""
 
     id: str = field(repr=False)
-    """Not to be guessed, and told to nobody but the holder: in no event, no log line and no row of the journal."""
+    """A secret of the holder: in no event, no log line and no row of the journal."""
     lift: str
     holder: Holder
     floor: FloorName | None
@@ -131,13 +131,13 @@ class SessionInfo:
     lease_ends_in_s: float | None
     """None for faces without a lease, and for one that is over."""
     ends_in_s: float | None
-    """Until the session is over however often it is renewed (`max_session_s`); None for one that is over."""
+    """Seconds until the session is over however often it is renewed (`max_session_s`); None for one that is over."""
     hold_ends_in_s: float | None
-    """Until the door is released whatever the holder wants; None while it is not held."""
+    """Seconds until the door is released whatever the holder requests; None while it is not held."""
     releases_in_s: float | None = None
-    """Until the manager releases the door by itself at the earliest, as far as it knows; None for one that is over."""
+    """Seconds until the manager releases the door at the earliest, as far as it knows; None for a session that is over."""
     releasing: bool = False
-    """That is so soon that the door invites nobody any more."""
+    """That is so soon that the door no longer counts as open for a robot."""
     arrived: bool
     """The car is there for it."""
     door_held: bool
@@ -146,12 +146,12 @@ class SessionInfo:
     waiting_for: str
     """What it waits for before anything is pressed; empty when it does not."""
     restored: bool
-    """It is from before a restart, and its holder has asked for nothing since."""
+    """It is from before a restart, and its holder has sent no request since."""
     over: SessionOver | None = None
-    """None while it goes on."""
+    """None while the session lasts."""
 
     def ended(self, robot: Occupancy, over: SessionOver) -> SessionInfo:
-        """Return it as it is once it is over. Nothing of it is on the lift any more."""
+        """Return it as it is once it is over. Nothing of it is left on the lift."""
         return replace(
             self,
             hold_door=False,
@@ -171,10 +171,10 @@ class SessionInfo:
 
 @dataclass(frozen=True, slots=True)
 class CommandProgress:
-    """How far the exchange with the controller is: the call, a word about the robot, the close button."""
+    """How far the exchange with the controller is: the call, a report about the robot, the close button."""
 
     phase: CallPhase | None = None
-    """None where the lift need not be told: its map has no signal for it, or it is so already."""
+    """None if the lift need not know: its map has no signal for it, or it is so already."""
     reason: str = ""
     """Why it failed."""
     again_in_s: float = 0.0
@@ -192,14 +192,14 @@ def progress_of(call: Call | None, now: float) -> CommandProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionOnLift:
-    """What a session has on its lift at one moment."""
+    """What of a session is on its lift at one moment."""
 
     floor: FloorName | None
     call: CommandProgress
     door_is_held: bool
-    """Whatever holds the doors of the session's floor is on and verified."""
+    """Everything that holds the doors of the session's floor is on and verified."""
     door_is_given: bool
-    """Something is on, or wanted, to hold a door."""
+    """Something that holds a door is on, or requested."""
     door_is_free: bool
     """Nothing of ours holds a door, and that is verified."""
     hold_spent: bool
@@ -223,7 +223,7 @@ class PendingCommand:
     pressed: bool = False
     """Something was given to the lift for it, or was on already."""
     due_since: float | None = None
-    """Since when nothing but the door itself is waited for."""
+    """Since when only the door itself is awaited."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +248,7 @@ class CommandEntry:
 
 @dataclass(frozen=True, slots=True)
 class PastSession:
-    """A session that is over."""
+    """A session that is over, as it is remembered."""
 
     info: SessionInfo
     key: str = field(repr=False)
@@ -278,7 +278,7 @@ class SavedPast:
 
 
 def saved_commands(entries: tuple[CommandEntry, ...]) -> tuple[SavedCommand, ...]:
-    """Return the newest commands that have keys: a caller that lost the answer over a restart asks again with the same key."""
+    """Return the newest commands that have keys: a caller that lost the reply over a restart repeats the request with the same key."""
     keyed = [entry for entry in entries if entry.request.key][-SAVED_COMMANDS:]
     return tuple(
         SavedCommand(entry.request, entry.status, entry.pending is not None and entry.pending.pressed)
@@ -287,7 +287,7 @@ def saved_commands(entries: tuple[CommandEntry, ...]) -> tuple[SavedCommand, ...
 
 
 def restored_commands(saved: tuple[SavedCommand, ...], at: datetime) -> tuple[CommandEntry, ...]:
-    """Return saved commands at the next start; nobody follows those any more that had not ended."""
+    """Return saved commands at the next start; those that had not ended are not followed any more."""
     entries = []
     for one in saved:
         entry = CommandEntry(one.request, one.status, None, is_recorded=True)
@@ -299,17 +299,17 @@ def restored_commands(saved: tuple[SavedCommand, ...], at: datetime) -> tuple[Co
 
 
 def judge_command(pending: PendingCommand, lift: SessionOnLift, now: float) -> PendingCommand | Verdict:
-    """Return how a command goes on, or has ended."""
+    """Return how a command continues, or its end."""
     return _JUDGES[pending.kind](pending, lift, now)
 
 
 def broken_off(pending: PendingCommand, reason: str) -> Verdict:
-    """Return the end of a command that nobody follows any more."""
+    """Return the end of a command that is no longer followed."""
     return Verdict(CommandState.UNCONFIRMED if pending.pressed else CommandState.REJECTED, reason)
 
 
 def replaces(kind: CommandType, floor: FloorName | None, pending: PendingCommand, *, hold_door: bool) -> bool:
-    """Whether a new command ends one that is pending; the same one again does not. `floor` and `hold_door` are the session's then."""
+    """Whether a new command ends a pending one; the same command again does not. `floor` and `hold_door` are the session's then."""
     if pending.kind is CommandType.GO_TO:
         return kind is CommandType.GO_TO and floor != pending.floor
     if pending.kind in ROBOT_WORDS:
@@ -336,7 +336,7 @@ def _go_to(pending: PendingCommand, lift: SessionOnLift, _: float) -> PendingCom
     if call.phase is CallPhase.ARRIVED:
         return Verdict(CommandState.CONFIRMED, proof=_proof(call.outcome, Proof.EFFECT))
     if call.phase is CallPhase.CONFIRMED:
-        # where no call moves the occupied car, the word that the robot is in place has sent it on
+        # where no call moves the occupied car, the report that the robot is in place has started it
         return Verdict(CommandState.CONFIRMED, proof=_proof(call.outcome, _proof(lift.in_place.outcome, Proof.NONE)))
     return _by_progress(pending, call, lift, f"the call to {pending.floor}")
 
@@ -400,7 +400,7 @@ def _robot_word(pending: PendingCommand, word: CommandProgress, lift: SessionOnL
 def _by_progress(
     pending: PendingCommand, progress: CommandProgress, lift: SessionOnLift, what: str
 ) -> PendingCommand | Verdict:
-    """Judge what is neither taken by the lift nor needless."""
+    """Judge a command that the lift has not taken and that is not superfluous."""
     outcome = progress.outcome
     if progress.phase is CallPhase.PRESSED:
         return replace(pending, pressed=True, waiting_for="the lift to show that it has taken it")

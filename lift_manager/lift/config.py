@@ -14,7 +14,7 @@ from lift_manager.lift.hours import RobotHours
 from register_maps.words import Side
 
 LIFT_NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$"
-"""What a lift may be named: it stands in addresses, file names and commands as it is."""
+"""The form of a lift's name: it appears unchanged in addresses, file names and commands."""
 CLEARS_IN_A_LIMIT = 3
 """A lease is at least this many times `clear_s`. Chosen: two thirds of it are left for crossing."""
 APART = 0.75
@@ -26,7 +26,7 @@ class Checkout:
     """The acceptance test that lets robots use a lift."""
 
     sha256: str
-    """Of its record, as printed on each page of its report."""
+    """The hash of its record, as printed on each page of its report."""
     ended_at: datetime
 
 
@@ -49,20 +49,20 @@ class LiftConfig:
     floors: tuple[FloorName, ...]
     """Lowest first."""
     doors_at: Mapping[FloorName, tuple[Side, ...]]
-    """Which doors serve each floor."""
+    """The doors that serve each floor."""
     control: bool
-    """The site lets robots command this lift; otherwise it is only watched."""
+    """The site lets robots command this lift; otherwise the manager only watches it."""
     capabilities: Capabilities
-    """What the map lets this lift say and be told."""
+    """What the map lets this lift report and do."""
     display_name: str = ""
-    """What people call it; empty where its name will do."""
+    """The name for people; empty where its own name will do."""
     lease_s: float = 300.0
     """For callers that can renew it. Chosen: it outlives RMF's 300 s localise step."""
     max_session_s: float = 3600.0
     """How long a session lasts at most, renewed or not. Chosen: above the longest ride that the other limits allow, two stops of
     `max_session_hold_s` and the trips between them."""
     takeover_after_s: float | None = None
-    """A holder silent for so long loses an empty car to the next caller; never where the site does not say."""
+    """After this silence of its holder, an empty car goes to the next caller; never unless the site sets it."""
     max_session_hold_s: float = 900.0
     """How long the site lets a door be held at one stop, renewed or not; `hold_limit` is what counts."""
     clear_s: float = 10.0
@@ -72,27 +72,27 @@ class LiftConfig:
     """The same for sessions of RMF, which sends its robot on one OPEN and does not look again. Chosen: its publish period, its
     decision and the crossing (open-rmf 1.6)."""
     infer_occupancy: bool = False
-    """A caller that has no words for its robot boards and leaves by what it requests."""
+    """The manager infers from the requests of a caller that cannot report its robot when that robot boards and leaves."""
     board_min_s: float = 5.0
     """A floor requested sooner than this after the door stood open is no sign of boarding. Chosen: a robot at 0.5 m/s takes that
     long for the 2.5 m from where it waits into the car."""
     robot_hours: RobotHours | None = None
-    """When robots may begin; always where the site does not say."""
+    """When robots may begin; always unless the site sets it."""
     between_sessions_s: float = 5.0
     """How long people have the lift for themselves between two robots: from the end of a session to the next press."""
     fire_release_delay_s: float = 0.0
-    """From telling robots of a fire to releasing everything."""
+    """From informing robots of a fire to releasing everything."""
     poll_s: float = 0.2
     """From one poll to the next."""
     poll_ridden_s: float = math.inf
     """The same while a session has the lift and the controller answers quickly, and from a press to the next poll; `poll_s` where that
     is less."""
     checkout: Checkout | None = None
-    """None where nobody looked for one, or it was not found."""
+    """None if nobody looked for one, or none was found."""
     rmf_name: str = ""
-    """In RMF's building map; empty where it is the same there."""
+    """Its name in RMF's building map; empty where it is the same there."""
     rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
-    """Those that RMF's building map names otherwise."""
+    """The floors that RMF's building map names otherwise."""
 
     @property
     def hold_limit(self) -> HoldLimit:
@@ -115,7 +115,7 @@ class LiftConfig:
         return None if ttl_s is None else max(ttl_s, CLEARS_IN_A_LIMIT * self.clear_s)
 
     def held_until(self, command: Command, renewed_at: float) -> float:
-        """Return until when an output may stay on that was last renewed at this time."""
+        """Return until when an output may stay on whose last renewal was at this time."""
         return renewed_at + self.capabilities.max_hold_s.get(command.name, math.inf)
 
     def has(self, command: Command) -> bool:

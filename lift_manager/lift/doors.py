@@ -24,7 +24,7 @@ from lift_manager.lift.session import EndReason, Session, door_opened_at_target
 from register_maps.words import Door, Side
 
 UNGRANTED_S = 30.0
-"""So long a door is held although the lift does not grant robot mode. Chosen: longer than a robot that saw it open takes through
+"""How long a door is held although the lift does not grant robot mode. Chosen: longer than a robot that saw it open takes through
 it, and than a controller takes to grant the mode again."""
 
 _UNFINISHED = (CallPhase.REQUESTED, CallPhase.PRESSED)
@@ -42,9 +42,10 @@ def why_no_hold(config: LiftConfig, floor: FloorName) -> str | None:
 
 
 def door_is_held(config: LiftConfig, record: LiftRecord) -> bool:
-    """Whether what keeps the door open at the target is on and verified, where the map has anything for that.
+    """Whether the hold of the door at the target is on and verified, where the map has one.
 
-    The hold of a door that is seen shut or closing is none: a controller whose watchdog let go of it may read on still.
+    The hold of a door that is seen shut or closing does not count: a controller whose watchdog released it may go on reading as
+    on.
     """
     session, observation = record.session, record.observation
     if session is None or session.floor is None or session.floor not in config.floors:
@@ -91,7 +92,7 @@ def door_is_given(config: LiftConfig, record: LiftRecord) -> bool:
 
 
 def doors_at_rest(config: LiftConfig, record: LiftRecord) -> bool:
-    """Whether every door is let go, and that is verified."""
+    """Whether every door is released, and that is verified."""
     if record.door_hold is not None:
         return False
     holds = (door_hold(side) for side in config.capabilities.doors)
@@ -99,7 +100,7 @@ def doors_at_rest(config: LiftConfig, record: LiftRecord) -> bool:
 
 
 def door_on_since(config: LiftConfig, record: LiftRecord, now: float) -> float | None:
-    """Return since when a door has been held, or was to be, without all of them seen at rest; None where that limits nothing."""
+    """Return since when a door has been held, or was to be, without all of them seen at rest; None if nothing limits that."""
     if not config.capabilities.released_after_s or doors_at_rest(config, record):
         return None
     return now if record.door_on_since is None else record.door_on_since
@@ -115,7 +116,7 @@ def _declared_holds(config: LiftConfig, record: LiftRecord) -> tuple[Command, ..
 def hold_doors(draft: Draft, session: Session, observation: Observation, floor: FloorName, *, begin: bool) -> Session:
     """Hold the doors that serve a floor, and the call that keeps them open, for as long as site and controller allow.
 
-    After a restart what is found off stays off until the holder asks again.
+    After a restart, what is found off stays off until the holder's next request.
     """
     config = draft.config
     session = spend_hold(draft, session)
@@ -130,7 +131,7 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
         call_output.release_call_of_door(draft)
         return _note_shut(draft, session, observation, floor)
     if session.holding_since is None:
-        # a hold of before that never came to rest goes on, for all that the controller knows
+        # a hold from before the restart that never came to rest continues, as far as the controller knows
         since = draft.now if draft.record.door_on_since is None else draft.record.door_on_since
         session = replace(session, holding_since=since)
     draft.change(session=session, used_by=session.number)
@@ -153,9 +154,9 @@ def keep_found(draft: Draft, session: Session, call: Call, observation: Observat
 def stay_at_target(
     draft: Draft, session: Session, call: Call, observation: Observation
 ) -> Session | tuple[EndReason, str]:
-    """Hold the door at the target, or end a session that wanted no more than to get there.
+    """Hold the door at the target, or end a session that only wanted to get there.
 
-    A robot aboard keeps its session: it has still to get out.
+    A robot aboard keeps its session: it still has to get out.
     """
     aboard = call_output.robot_is_aboard(draft.config, draft.record)
     if not session.hold_door and not session.policy.stays and not aboard:
@@ -197,7 +198,7 @@ def release_doors(draft: Draft) -> None:
 
 
 def release_door_at_request(draft: Draft) -> None:
-    """Release whatever holds the door; a call under way stays, though it may keep the door open where it ends."""
+    """Release what holds the door; a call under way stays, though it may keep the door open at its destination."""
     forget_closing(draft)
     release_doors(draft)
     if draft.record.call_has_arrived:
@@ -220,9 +221,10 @@ def _note_shut(draft: Draft, session: Session, observation: Observation, floor: 
 
 
 def _is_for_nobody(draft: Draft, session: Session, observation: Observation, floor: FloorName) -> bool:
-    """Whether a held door has invited no robot for long, because the lift has no robot mode: it would keep the lift from people.
+    """Whether a held door has invited no robot for long, because the lift has no robot mode.
 
-    And from the mode: a controller that grants it once its calls are served waits for the door in turn.
+    It would keep the lift from people, and from the mode: a controller that grants it once its calls are served waits for the
+    door.
     """
     if robot_mode_granted(observation, draft.config.capabilities):
         draft.change(ungranted=None)
@@ -254,7 +256,7 @@ def request_closing(draft: Draft, sides: tuple[Side, ...]) -> None:
 
 
 def forget_closing(draft: Draft) -> None:
-    """Want nothing shut any longer; a button that is pressed is released."""
+    """Stop closing doors; a button that is pressed is released."""
     closing = draft.record.closing
     if closing.progress.phase in _UNFINISHED:
         for side in closing.sides:

@@ -1,4 +1,4 @@
-"""A step while it is being worked out: the record so far, and what is to be done because of it. It never leaves its step."""
+"""A step while it is being worked out: the record so far, and the actions that follow from it. It never leaves its step."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ class Draft:
                 return
 
     def change_durable(self, **fields: Any) -> None:
-        """Go on with a record that remembers something else over a restart."""
+        """Continue with a record whose durable part has changed."""
         durable: DurableRecord = replace(self.record.durable, **fields)
         if durable != self.record.durable:
             self.record = self.record.having(durable=durable)
 
     def emit(self, event: Event) -> None:
-        """Make something known, once this step is done."""
+        """Publish an event once this step is done."""
         self.events.append(event)
 
     def alarm(self, text: str, holder: Holder | None = None) -> None:
-        """Tell people of something."""
+        """Alert people to something."""
         self.events.append(Alarm(self.config.name, text, holder))
 
     def press(self, command: Command) -> PressId:
@@ -74,7 +74,7 @@ class Draft:
         return press
 
     def cancel(self, command: Command, press: PressId | None = None) -> None:
-        """Withdraw what is pressed of a command and has no outcome yet; and `press`, whose pulse may still be on, whatever it came to."""
+        """Withdraw every press of a command without an outcome; and `press`, whose pulse may still be on, whatever its outcome."""
         gone = tuple(pending for pending in self.record.presses if pending.command.name == command.name)
         ids = [pending.id for pending in gone]
         if press is not None and press not in ids and self.record.status(command) is not OutputState.AT_REST:

@@ -1,7 +1,7 @@
 """How a session ends: by its holder, its time, its lift, another caller, a person, a fire, or because the manager stops.
 
-The end of a session never moves the car. What may be in the doorway is given time: the end is announced, and the door is
-released `clear_s` later.
+The end of a session never moves the car. What may be in the doorway is given time: the end is announced, and the door is released
+`clear_s` later.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ from lift_manager.lift.session import (
 from register_maps.words import Mode
 
 _MOST_CALLERS = 100
-"""For more callers than this people are not told of a silent holder one by one: a client may use another name each time."""
+"""Beyond this many callers, people are not alerted to a silent holder for each of them: a client may use another name each time."""
 
 Release = tuple[FloorName, RobotWord | None]
-"""A holder's own word that its session is over: the floor it was given for, and what it says of its robot."""
+"""A holder's own report that its session is over: the floor it was given for, and what it reports of its robot."""
 
 
 def end_session(draft: Draft, reason: EndReason, text: str, *, release: Release | None = None) -> None:
-    """End the session, if there is one. `release` is its holder's word."""
+    """End the session, if there is one. `release` is its holder's report."""
     session, config = draft.session, draft.config
     if session is None:
         return
@@ -89,19 +89,19 @@ def release_given(config: LiftConfig, session: Session | None) -> Release | None
 
 
 def give_people_their_turn(draft: Draft) -> None:
-    """Let people have the lift for a while after a robot."""
+    """Give people the lift for a while after a robot."""
     draft.change(people_until=draft.now + draft.config.between_sessions_s)
 
 
 def advice_now(draft: Draft) -> Advice:
-    """Return what the robot of the session does best."""
+    """Return the best course for the robot of the session."""
     observation = draft.observation
     in_car = draft.record.robot_in_car is not None
     return advise(observation.doors if observation is not None else None, may_be_aboard=in_car)
 
 
 def alarm_of_robot(lift: str, holder: Holder, reason: EndReason, text: str, *, is_aboard: bool) -> str:
-    """Return the alarm about a robot that is, or may be, in the car although its session is over; empty for none."""
+    """Return the alarm about a robot that is, or may be, in the car although its session is over; empty if there is none."""
     if reason is EndReason.STOPPING:
         return stopping_text(holder)
     if is_aboard:
@@ -120,7 +120,7 @@ def _alarm_about_robot(draft: Draft, holder: Holder, reason: EndReason, text: st
 
 
 def release_session(draft: Draft, holder: Holder, floor: FloorName, word: RobotWord | None) -> None:
-    """End the session at its holder's word, or take what it still has to say of one that is over."""
+    """End the session at its holder's request, or take what its holder still reports of one that is over."""
     if draft.session is None:
         handshake.release_without_session(draft, holder, floor, word)
     else:
@@ -128,12 +128,15 @@ def release_session(draft: Draft, holder: Holder, floor: FloorName, word: RobotW
 
 
 def end_after_grace(draft: Draft, session: Session, grace_s: float) -> None:
-    """Take its holder's word that the session is over. Until the grace is over what is on stays on, should it think again."""
+    """Take its holder's report that the session is over.
+
+    Until the grace is over what is on stays on, in case the holder changes its mind.
+    """
     draft.change(session=end_by_holder(session, grace_s, draft.now))
 
 
 def session_of(draft: Draft, holder: Holder | None) -> Session | Refused:
-    """Return the session if it is this holder's, or anybody's where none is named."""
+    """Return the session if it is this holder's, or anybody's if none is named."""
     record, session, name = draft.record, draft.session, draft.config.name
     if record.is_stopping:
         return STOPPING
@@ -148,7 +151,7 @@ def session_of(draft: Draft, holder: Holder | None) -> Session | Refused:
 
 
 def end_what_is_over(draft: Draft) -> None:
-    """End a session whose end has come."""
+    """End a session whose time is over."""
     session = draft.session
     if session is not None and session.end is not None and draft.now >= session.end.at:
         _end_at_once(draft, session.end.reason, session.end.text)
@@ -162,7 +165,7 @@ def forget_released_door(draft: Draft) -> None:
 
 
 def end_by_time(draft: Draft) -> None:
-    """End a session whose lease or longest time is over; a robot that may be under way in the car is waited for."""
+    """End a session whose lease or longest time is over, once no robot may be under way in the car."""
     session, observation = draft.session, draft.observation
     if session is None:
         return
@@ -173,7 +176,7 @@ def end_by_time(draft: Draft) -> None:
 
 
 def obey_mode(draft: Draft, observation: Observation) -> None:
-    """Latch a fire, tell the robot of it first, and release everything; end the session in any other mode without robots."""
+    """Latch a fire, inform the robot of it first, and release everything; end the session in any other mode without robots."""
     session, mode = draft.session, observation.values.mode
     if is_on_fire(observation.values) and draft.record.durable.fire_since is None:
         delay_s = draft.config.fire_release_delay_s if session is not None and mode is Mode.FIRE else 0.0
@@ -193,7 +196,7 @@ def obey_mode(draft: Draft, observation: Observation) -> None:
 
 
 def release_in_fire(draft: Draft) -> bool:
-    """Release everything once the robot has had its time; return whether a fire keeps everything else from happening."""
+    """Release everything once the robot has had its time; return whether a fire prevents everything else."""
     release_at = draft.record.fire_release_at
     if release_at is None:
         return False
@@ -209,10 +212,10 @@ def release_in_fire(draft: Draft) -> bool:
 
 
 def contest(draft: Draft, caller: Holder, refusal: Refused | None, *, queued: bool) -> Refused | None:
-    """End the session where it has to make way for another caller; `refusal` is what else forbids that one's request.
+    """End the session where it has to give way to another caller; `refusal` is what else forbids the request of that one.
 
-    A robot of the holder that may be in the car keeps it: nobody else would get the lift then. A request that would be refused
-    whoever holds the lift ends no session, nor does one that would wait behind others.
+    A robot of the holder that may be in the car keeps the session: nobody else would get the lift then. A request that would be
+    refused whoever holds the lift ends no session, nor does one that would wait behind others.
     """
     session = draft.session
     if session is None or refusal is not None:
@@ -227,7 +230,7 @@ def contest(draft: Draft, caller: Holder, refusal: Refused | None, *, queued: bo
 
 def _why_contested(draft: Draft, session: Session, caller: Holder) -> tuple[EndReason, str] | Refused | None:
     config, is_occupied, silent_s = draft.config, draft.record.robot_in_car is not None, session.silent_for(draft.now)
-    # what it was told immediately before the restart may not be on the disk
+    # what it was invited to immediately before the restart may not be on the disk
     is_crossed = session.is_just_restored(draft.now) and doors.may_be_crossed(config, draft.record)
     if session.is_unclaimed and not (is_occupied or is_crossed):
         return EndReason.UNCLAIMED, f"{caller} was heard first after a restart of the manager"
@@ -244,7 +247,7 @@ def _why_contested(draft: Draft, session: Session, caller: Holder) -> tuple[EndR
 
 
 def _alarm_about_silence(draft: Draft, session: Session, caller: Holder, silent_s: float) -> None:
-    """Tell people once for each caller of a holder that is silent."""
+    """Alert people once for each caller to a holder that is silent."""
     silence = Silence(session.number, session.holder, session.contacted_at)
     before = draft.record.silence
     known = before.callers if before is not None and replace(before, callers=frozenset()) == silence else frozenset()
@@ -267,7 +270,7 @@ def end_for_person(draft: Draft, reason: EndReason, text: str, *, at_once: bool)
     if session is None or not waits or not doors.may_be_crossed(draft.config, draft.record):
         _end_at_once(draft, reason, text)
         return 0.0
-    # a second request does not shorten what a robot in the doorway was given, nor does it begin it again
+    # a second request neither shortens nor restarts the time of a robot in the doorway
     end_at = math.inf if session.end is None else session.end.at
     clear_s = max(0.0, min(session.policy.clear_s, end_at - draft.now))
     draft.change(session=announce_end(session, reason, text, draft.now + clear_s))
@@ -290,7 +293,7 @@ def announce_stop(draft: Draft, clear_s: float) -> None:
 
 
 def stop(draft: Draft) -> None:
-    """Release everything, and let the session rest until the next start."""
+    """Release everything, and keep the session for the next start."""
     draft.change(is_stopping=True)
     if draft.session is not None and draft.session.ended_by_holder:
         end_session(draft, EndReason.RELEASED, "released")

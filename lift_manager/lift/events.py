@@ -1,4 +1,4 @@
-"""What a step makes known: facts about one lift for faces, the journal and the log, as values."""
+"""What a step publishes: facts about one lift for faces, the journal and the log, as values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class RestrictionKind(StrEnum):
     LOCKOUT = "lockout"
     """No robot commands the lift; a session that goes on ends."""
     DRAIN = "drain"
-    """No new session begins; the present one goes on to its end."""
+    """No new session begins; the present one continues to its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class SessionOpened:
 
 @dataclass(frozen=True, slots=True)
 class SessionRestored:
-    """A caller holds the lift from before a restart of the manager."""
+    """A caller still holds the lift after a restart of the manager."""
 
     lift: str
     holder: Holder
@@ -66,7 +66,7 @@ class SessionRestored:
 
 @dataclass(frozen=True, slots=True)
 class HandedOver:
-    """The session goes on with another holder."""
+    """The session continues with another holder."""
 
     lift: str
     holder: Holder
@@ -83,12 +83,12 @@ class SessionEnded:
     text: str
     """The reason in words."""
     advice: Advice | None
-    """What its robot does best; None where the holder ended it."""
+    """The robot's best course; None where the holder ended it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advised:
-    """The robot of a session is told what to do before anything is released: there is a fire."""
+    """The robot of a session is informed before anything is released: there is a fire."""
 
     lift: str
     holder: Holder
@@ -141,7 +141,7 @@ class ForceReleased:
 
     @property
     def text(self) -> str:
-        """What the person is told."""
+        """The reply to the person."""
         done = f"the session of {self.holder} on {self.lift} is over; everything is let go, and the car is not moved"
         if self.clear_s:
             done = (
@@ -178,7 +178,7 @@ class CommandFollowed:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something a person should know."""
+    """Something that a person should know."""
 
     lift: str
     text: str
@@ -236,7 +236,7 @@ def maybe_occupied_text(lift: str, holder: Holder, reason: str) -> str:
 
 
 def silent_text(lift: str, holder: Holder, caller: Holder, silent_s: float) -> str:
-    """Return the alarm of a holder that is silent while another caller asks for the lift."""
+    """Return the alarm about a holder that is silent while another caller requests the lift."""
     return (
         f"silent_holder: {holder} holds the lift and has not been heard for {silent_s:.0f} s, and {caller} asks for it; if"
         f" {holder} needs it no more, a person ends its session: {how_to_release(lift)}"
@@ -244,7 +244,7 @@ def silent_text(lift: str, holder: Holder, caller: Holder, silent_s: float) -> s
 
 
 def unclaimed_text(lift: str, where: str) -> str:
-    """Return what the refusal of a lift adds whose holder was silent since a restart; `where` its robot may be."""
+    """Return what a refusal adds if the holder of the lift was silent since a restart; `where` its robot may be."""
     return (
         f"it was not heard since a restart of the manager, and its robot may be in the {where}; if it needs the lift no more, a"
         f" person ends its session: {how_to_release(lift)}"

@@ -24,5 +24,5 @@ def fresh(config: LiftConfig, record: LiftRecord, moment: Moment) -> Observation
 
 
 def age_s(record: LiftRecord, moment: Moment) -> float | None:
-    """Return the age of the newest whole reading; None when there never was one."""
+    """Return the age of the newest whole reading; None if there never was one."""
     return None if record.observation is None else max(0.0, moment.now - moment.read_at)

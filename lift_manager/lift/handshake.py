@@ -1,4 +1,4 @@
-"""The exchange with the controller about its passenger: robot in place, robot left; and what is kept on until it has taken them."""
+"""The exchange with the controller about its passenger: robot in place, robot left; and what stays on until it has taken them."""
 
 from __future__ import annotations
 
@@ -58,23 +58,23 @@ WordName = Literal["in_place", "robot_left"]
 COMMAND_OF: dict[WordName, Command] = {"in_place": ROBOT_IN_PLACE, "robot_left": ROBOT_LEFT}
 
 
-# -- what the lift has been told
+# -- what the lift knows
 
 
 def in_place_is_taken(config: LiftConfig, record: LiftRecord) -> bool:
-    """Whether the lift has taken that the robot is in place; a lift without that command needs no word."""
+    """Whether the lift has taken that the robot is in place; a lift without that command does not need it."""
     word = record.in_place
     return not config.has(ROBOT_IN_PLACE) or (word.call is not None and not word.is_unacknowledged)
 
 
 def is_ready(config: LiftConfig, record: LiftRecord) -> bool:
-    """Whether the lift has been told what it must know before it is sent on."""
+    """Whether the lift knows what it must know before it takes the car on."""
     told_left = not record.robot_left.is_pending and not record.repeats_robot_left
     return told_left and (not robot_is_aboard(config, record) or in_place_is_taken(config, record))
 
 
 def next_command(config: LiftConfig, record: LiftRecord, floor: FloorName) -> str:
-    """Return the command that sends the car to a floor: the call, or a word that has to come before it or does without."""
+    """Return the command that sends the car to a floor: the call, or a report about the robot that comes before it or replaces it."""
     aboard = robot_is_aboard(config, record)
     call = call_command(config, floor, aboard=aboard)
     if call is None or (aboard and not in_place_is_taken(config, record)):
@@ -95,7 +95,7 @@ def stands_open_for_robot(config: LiftConfig, record: LiftRecord, observation: O
 def take_request(
     draft: Draft, session: Session | None, holder: Holder, floor: FloorName, word: RobotWord | None
 ) -> Refused | None:
-    """Take a request of the holder that nothing else speaks against, or refuse it.
+    """Take a request of the holder that nothing else forbids, or refuse it.
 
     A session without a target has no part in the handshake: its first request is taken as the one that opens a session.
     """
@@ -121,7 +121,7 @@ def take_request(
 
 
 def may_go_on(record: LiftRecord, holder: Holder) -> bool:
-    """Whether a robot of this holder may be in the car without a session: it has to get out, whoever waits."""
+    """Whether a robot of this holder may be in the car without a session: it has to get out, however many callers wait."""
     return record.abandoned_by == holder and record.boarding.may_be_in_car
 
 
@@ -141,7 +141,7 @@ def _why_unknown(draft: Draft, session: Session | None, floor: FloorName, word: 
 def _request_words(
     draft: Draft, before: BoardingProgress, session: Session | None, here: FloorName, word: RobotWord | None
 ) -> None:
-    """Want the words that follow from a request."""
+    """Request the reports that follow from a request."""
     if draft.record.boarding.occupancy is Occupancy.ABOARD:
         if before.occupancy is not Occupancy.ABOARD and _is_level(draft.config, "robot_left"):
             release_word(draft, "robot_left")
@@ -152,7 +152,7 @@ def _request_words(
         request_word_again(draft, "robot_left")
 
 
-# -- what readings tell, and what is given because of it
+# -- what readings show, and what follows from them
 
 
 def follow_robot(draft: Draft, observation: Observation, session: Session | None) -> None:
@@ -169,7 +169,7 @@ def follow_robot(draft: Draft, observation: Observation, session: Session | None
 
 
 def give_words(draft: Draft, session: Session | None) -> None:
-    """Give the words that are wanted, as far as nothing forbids it; `session` is None while people have their turn."""
+    """Send the reports that are wanted, unless something forbids it; `session` is None while people have their turn."""
     config, may_begin = draft.config, session is None or session.may_begin
     if may_begin and draft.record.repeats_robot_left:
         request_word_again(draft, "robot_left")
@@ -189,7 +189,7 @@ def give_words(draft: Draft, session: Session | None) -> None:
 
 
 def word_answered(draft: Draft, name: WordName, outcome: Outcome) -> None:
-    """Take the outcome of the newest press of a word."""
+    """Take the outcome of the newest press of a report."""
     word, now = _word(draft, name), draft.now
     if word.call is None:
         return
@@ -216,7 +216,10 @@ def parting_of(
     *,
     arrived: bool,
 ) -> OccupancyAtEnd:
-    """Return how robot and lift part if the session ends now. `release` is its holder's own: the floor and the robot's word."""
+    """Return how robot and lift part if the session ends now.
+
+    `release` is the holder's own: the floor, and what the robot reported.
+    """
     boarding, policy = record.boarding, session.policy
     let_out = session.opened_at_target or policy.has_robot_words or not policy.stays
     word = None if release is None else release[1]
@@ -240,10 +243,10 @@ def end_session_part(
 ) -> None:
     """End the session's part in the handshake.
 
-    `release` is the holder's own word that it is over; so is that it wanted no more than to be where it has `arrived`.
+    `release` is the holder's own report that it is over; so is a session that only wanted to be where it has `arrived`.
     """
     if draft.record.abandoned_by is not None:
-        # it was never given a target: the car is as the session before left it
+        # it was never given a target: the car is as the previous session left it
         if release is not None:
             release_without_session(draft, session.holder, *release)
         return
@@ -265,9 +268,9 @@ def end_session_part(
 
 
 def release_without_session(draft: Draft, holder: Holder, floor: FloorName, word: RobotWord | None) -> None:
-    """Take a release that finds no session: what the lift should have been told by an earlier one is told again.
+    """Take a release that finds no session: reports of an earlier one that the lift has not taken are sent again.
 
-    Only the word that the robot left ends a doubt: an idle client posts bare releases once a second.
+    Only the report that the robot left ends a doubt: an idle client posts bare releases once a second.
     """
     record = draft.record
     is_mine = holder == record.abandoned_by and word is RobotWord.LEFT
@@ -281,7 +284,7 @@ def release_without_session(draft: Draft, holder: Holder, floor: FloorName, word
 
 
 def found_empty(draft: Draft) -> None:
-    """Take it that no robot of an earlier session is in the car; a lift that may still count one is told."""
+    """Record that no robot of an earlier session is in the car; report that to a lift that may still count one."""
     was_aboard = draft.record.boarding.occupancy is Occupancy.ABOARD
     draft.change(abandoned_by=None, boarding=BoardingProgress())
     if was_aboard:
@@ -291,14 +294,14 @@ def found_empty(draft: Draft) -> None:
 
 
 def give_up_robot_left(draft: Draft) -> None:
-    """Tell the lift no more that a robot left: a person has seen to it."""
+    """Stop reporting that a robot left: a person has seen to it."""
     _forget(draft, "robot_left")
     release_word(draft, "robot_left")
     _after_robot_left(draft)
 
 
 def release_all(draft: Draft) -> None:
-    """Release at once what is on for a robot, and both words."""
+    """Release at once what is on for a robot, and both reports."""
     release_stay(draft)
     release_word(draft, "robot_left")
 
@@ -313,7 +316,7 @@ def release_stay(draft: Draft) -> None:
 
 
 def restore_occupied(draft: Draft) -> None:
-    """Go on with what a session before this start left behind in the car."""
+    """Continue with what a session before this start left behind in the car."""
     durable = draft.record.durable
     if (occupied := durable.occupied) is not None:
         draft.change(abandoned_by=occupied.holder, boarding=boarding_without_session(aboard=occupied.aboard))
@@ -322,22 +325,22 @@ def restore_occupied(draft: Draft) -> None:
 
 
 def restore_session(draft: Draft, saved: SavedSession, floor: FloorName) -> None:
-    """Go on with the robot of a session from before a restart. What the lift was told is not told again."""
+    """Continue with the robot of a session from before a restart. What the lift has taken is not reported again."""
     kept = saved.boarding
     boarding = BoardingProgress(kept.occupancy, may_leave_at=kept.may_leave_at, sent_on=kept.sent_on)
     draft.change(abandoned_by=None, boarding=boarding)
     if kept.in_place_taken:
-        # the moment of the start: a word counts as taken from then on
+        # the moment of the start: a report counts as taken from then on
         _after_restart(draft, "in_place", floor, taken=True)
         if _is_level(draft.config, "in_place") and kept.occupancy is Occupancy.ABOARD:
             _set(draft, "in_place", replace(draft.record.in_place, is_on=True, renewed_at=draft.now))
 
 
-# -- words
+# -- reports about the robot
 
 
 def request_word(draft: Draft, name: WordName, floor: FloorName) -> None:
-    """Want a word given; after a failure only once its pause is over."""
+    """Request a report; after a failure only once its pause is over."""
     word = _word(draft, name)
     if draft.config.has(COMMAND_OF[name]):
         place = word.call.floor if word.call is not None else floor
@@ -345,20 +348,20 @@ def request_word(draft: Draft, name: WordName, floor: FloorName) -> None:
 
 
 def request_word_again(draft: Draft, name: WordName) -> None:
-    """Want a word given again if it failed and its pause is over."""
+    """Request a report again if it failed and its pause is over."""
     if (call := _word(draft, name).call) is not None:
         request_word(draft, name, call.floor)
 
 
 def release_word(draft: Draft, name: WordName) -> None:
-    """Release a word that is on; one that was not pressed yet is not pressed."""
+    """Release a report that is on; one that was not pressed yet is not pressed."""
     call = _word(draft, name).call
     draft.cancel(COMMAND_OF[name], None if call is None else call.press)
     _set(draft, name, replace(_word(draft, name), is_on=False))
 
 
 def report_robot_left(draft: Draft, floor: FloorName) -> None:
-    """Tell the lift that the robot left. What stays on until then is released once it has been told."""
+    """Report to the lift that the robot left. What stays on until then is released once the lift has taken it."""
     if not in_place_is_taken(draft.config, draft.record):
         release_word(draft, "in_place")
     _forget(draft, "in_place")
@@ -388,7 +391,7 @@ def _give(draft: Draft, name: WordName) -> None:
 
 
 def _keep_in_place(draft: Draft) -> None:
-    """Keep the level on that tells of a robot in place. One that the controller lost waits for the holder's next request."""
+    """Keep the level on that reports a robot in place. One that the controller lost waits for the holder's next request."""
     word = draft.record.in_place
     if word.call is None or not word.is_on:
         return

@@ -75,7 +75,7 @@ def session_info(config: LiftConfig, record: LiftRecord, session: Session, momen
 def find_session(
     config: LiftConfig, record: LiftRecord, session_id: str, holder: Holder | None, moment: Moment
 ) -> Session | SessionInfo | Refused:
-    """Return a session by its id, as it is or as it ended; `holder` None finds everybody's."""
+    """Return a session by its id, as it is or as it ended; `holder` None finds those of all holders."""
     live = record.session
     if live is not None and live.id == session_id and holder in (None, live.holder):
         return live
@@ -189,7 +189,7 @@ def take_command(
 
 
 def replace_commands(draft: Draft, kind: CommandType, floor: FloorName | None, *, hold_door: bool) -> None:
-    """End what a new command takes the place of; `floor` and `hold_door` are the session's with it."""
+    """End the commands that a new one replaces; `floor` and `hold_door` are the session's with it."""
 
     def after(entry: CommandEntry, pending: PendingCommand) -> CommandEntry:
         if not replaces(kind, floor, pending, hold_door=hold_door):
@@ -201,7 +201,7 @@ def replace_commands(draft: Draft, kind: CommandType, floor: FloorName | None, *
 
 
 def judge_commands(draft: Draft) -> None:
-    """Find out what has become of the commands that have not ended."""
+    """Find the outcome of the commands that have not ended."""
     if draft.session is None or all(entry.pending is None for entry in draft.record.commands):
         return
     lift = session_on_lift(draft.config, draft.record, draft.session, draft.moment)

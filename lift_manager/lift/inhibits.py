@@ -1,7 +1,7 @@
 """Every reason why a lift may not be commanded now.
 
-The same few inhibits are asked three times: when a request is admitted, when a step decides to press, and by `blocked_by`
-immediately before the bytes of a press or a refresh leave. What releases an output is never asked: nothing may forbid it.
+The same few inhibits are checked three times: when a request is admitted, when a step decides to press, and by `blocked_by`
+immediately before the bytes of a press or a refresh leave. A release is never checked: nothing may forbid it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _DECIDING_FLAGS = (
     ("ready", True, "it is not ready"),
     ("watchdog_tripped", False, "its module watchdog has tripped, so its outputs are not ours"),
 )
-"""Flags that decide whether robots may command the lift: the value that lets them, and the reason given for the other one."""
+"""Flags that decide whether robots may command the lift: the value that permits them, and the reason given for the other one."""
 
 
 # -- immediately before the bytes leave
@@ -47,9 +47,9 @@ _DECIDING_FLAGS = (
 def blocked_by(
     config: LiftConfig, record: LiftRecord, command: Command, press_id: PressId | None, moment: Moment
 ) -> str | None:
-    """Return what forbids the bytes of this press now; of a hold or its refresh where `press_id` is None.
+    """Return what forbids the bytes of this press now; of a hold or its refresh if `press_id` is None.
 
-    It is asked for every output that a write asserts, with nothing awaited between the answer and the write.
+    It is called for every output that a write asserts, with nothing awaited between the reply and the write.
     """
     session = record.session
     pending = next((one for one in record.presses if one.id == press_id), None)
@@ -74,7 +74,7 @@ def blocked_by(
     return why_not
 
 
-# -- what forbids a press, a hold and a word, whoever wants them
+# -- what forbids a press, a hold and a report, whoever wants them
 
 
 def why_no_press(config: LiftConfig, record: LiftRecord, moment: Moment) -> str | None:
@@ -110,7 +110,7 @@ def barred_by(values: LiftValues, capabilities: Capabilities) -> str | None:
 
 
 def why_no_robot_mode(config: LiftConfig, record: LiftRecord, moment: Moment) -> str | None:
-    """Return why robot mode may not be pressed or renewed; a lockout does not drop it under a car that is on its way."""
+    """Return why robot mode may not be pressed or renewed; a lockout does not drop it while the car is under way."""
     session = record.session
     if session is not None and not session.end_is_announced and record.robot_mode.kept_until is None:
         return why_no_press(config, record, moment)
@@ -123,7 +123,7 @@ def why_no_robot_mode(config: LiftConfig, record: LiftRecord, moment: Moment) ->
 
 
 def why_no_robot_left(config: LiftConfig, record: LiftRecord, moment: Moment) -> str | None:
-    """Return why the lift may not be told that a robot left; that its session is over is no reason."""
+    """Return why a report that a robot left may not be pressed; that its session is over is no reason."""
     return "the manager is stopping" if record.is_stopping else why_no_press(config, record, moment)
 
 
@@ -141,7 +141,7 @@ def why_no_close(config: LiftConfig, record: LiftRecord, moment: Moment, *, hold
 
 
 def people_have_their_turn(record: LiftRecord, moment: Moment) -> bool:
-    """Whether people have the lift to themselves between two robots."""
+    """Whether it is the turn of people, between two robots."""
     return moment.now < record.people_until
 
 
@@ -167,7 +167,7 @@ def waits_for(config: LiftConfig, record: LiftRecord, moment: Moment) -> str:
 def command_refusal(config: LiftConfig, record: LiftRecord, moment: Moment, *, goes_on: bool) -> Refused | None:
     """Return why a request may not command the lift now.
 
-    `goes_on` says that its robot has begun already: it has to get out at any hour.
+    `goes_on` means that its robot has begun already: it has to get out at any hour.
     """
     name, observation = config.name, fresh(config, record, moment)
     if (refused := locked_out(config, record, moment)) is not None:
@@ -195,7 +195,7 @@ def unknown_floor(config: LiftConfig, floor: FloorName) -> Refused | None:
 
 
 def unreachable_floor(config: LiftConfig, floor: FloorName, *, aboard: bool) -> Refused | None:
-    """Refuse a floor to which nothing of the map brings the car; `aboard` says that it is the occupied one."""
+    """Refuse a floor to which no command of the map brings the car; `aboard` means that it is the occupied one."""
     if call_command(config, floor, aboard=aboard) is not None or (aboard and config.has(ROBOT_IN_PLACE)):
         return None
     car = "the occupied car" if aboard else "the car"
@@ -213,7 +213,7 @@ def locked_out(config: LiftConfig, record: LiftRecord, moment: Moment) -> Refuse
 
 
 def draining(config: LiftConfig, record: LiftRecord, moment: Moment) -> Refused | None:
-    """Refuse a new session while a person lets the present ones end."""
+    """Refuse a new session during a drain."""
     shown = restriction_text(record, RestrictionKind.DRAIN, moment)
     if not shown:
         return None
@@ -223,7 +223,7 @@ def draining(config: LiftConfig, record: LiftRecord, moment: Moment) -> Refused 
 
 
 def not_recorded(config: LiftConfig, record: LiftRecord, moment: Moment) -> Refused | None:
-    """Refuse to begin while nothing can be written down. A session that goes on keeps the lift: its robot may be in the car."""
+    """Refuse to begin while nothing can be recorded. A session under way keeps the lift: its robot may be in the car."""
     if not record.disk_trouble or record.session is not None:
         return None
     text = f"{config.name} takes no robots now: {record.disk_trouble}"
@@ -231,7 +231,7 @@ def not_recorded(config: LiftConfig, record: LiftRecord, moment: Moment) -> Refu
 
 
 def over_soon(session: Session | None, moment: Moment) -> Refused | None:
-    """Refuse what the holder of a session asks for whose end was announced; a release is none of it."""
+    """Refuse the requests of a holder whose session is about to end; a release is none of them."""
     if session is None or session.end is None or not session.end.is_announced:
         return None
     text = f"the session ends in {max(0.0, session.end.at - moment.now):.0f} s: {session.end.text}"
@@ -255,7 +255,7 @@ def robot_of_another(config: LiftConfig, record: LiftRecord, caller: Holder) -> 
 
 
 def robot_words_needed(config: LiftConfig) -> Refused | None:
-    """Refuse a caller without robot words where the lift needs them: its robot would ride in, and be taken nowhere."""
+    """Refuse a caller that cannot report its robot where the lift needs that: its robot would ride in, and be taken nowhere."""
     if not occupancy_matters(config.capabilities) or config.infer_occupancy:
         return None
     why = "has to be told when a robot is in place, and this caller has no word for it; set `infer_occupancy: true`"
@@ -281,7 +281,7 @@ def too_early_to_acknowledge(config: LiftConfig, record: LiftRecord, moment: Mom
 
 
 def blocking_values(config: LiftConfig, record: LiftRecord, refused: Refused, moment: Moment) -> Refused:
-    """Add what stands in the way, as values, to a refusal that does not say it yet."""
+    """Add what stands in the way, as values, to a refusal that does not contain it yet."""
     if refused.blocking is not None:
         return refused
     if refused.code is Refusal.OFFLINE:
@@ -300,7 +300,7 @@ def blocking_values(config: LiftConfig, record: LiftRecord, refused: Refused, mo
 
 
 def offline_reason(config: LiftConfig, record: LiftRecord) -> str:
-    """Return why the lift is offline, should it be."""
+    """Return why the lift is offline, if it is."""
     why = record.fault or f"{config.source} has not answered since"
     return f"nothing newer within {config.capabilities.max_age_s:g} s: {why}"
 
@@ -329,7 +329,7 @@ def person_looks_text(lift: str) -> str:
 
 
 def repeated_text(lift: str) -> str:
-    """Return what becomes of a word that the lift has not taken."""
+    """Return what happens with a report that the lift has not taken."""
     return f"it is given again until it is taken, or until a person has seen to the lift: {how_to_acknowledge(lift)}"
 
 

@@ -15,8 +15,8 @@ from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import CLEAR_AT_STOP_S, Holder
 
 LEAVE_WITHIN_S = 10.0
-"""How long a press may wait to be written, beyond the pauses of its map. Chosen: a caller that waited longer asks again, and nobody
-expects a button to be pressed for somebody who asked long ago."""
+"""How long a press may wait to be written, beyond the pauses of its map. Chosen: a caller that waited longer repeats its request,
+and nobody expects a button to be pressed for a request of long ago."""
 
 
 Outputs = Mapping[str, OutputState]
@@ -86,14 +86,14 @@ class LiftRequest:
     """Hold the door open at `floor`; otherwise a session that does not stay ends on arrival."""
     robot: RobotWord | None = None
     stays: bool = False
-    """Its session ends by `EndSession`, and neither on arrival nor by a request that wants no door held."""
+    """Its session ends by `EndSession`, and neither on arrival nor by a request without a door hold."""
     new_id: str = field(default="", compare=False, repr=False)
-    """The id of the session, should this open one."""
+    """The id of the session that this may open."""
 
 
 @dataclass(frozen=True, slots=True)
 class EndSession:
-    """A holder of a face that knows no sessions ends its own, after a grace in which it may think again."""
+    """A holder of a face that knows no sessions ends its own, after a grace in which it may change its mind."""
 
     holder: Holder
     grace_s: float
@@ -101,19 +101,19 @@ class EndSession:
 
 @dataclass(frozen=True, slots=True)
 class OpenSession:
-    """A caller wants the lift for itself. The session goes on until it is closed or its time is over."""
+    """A caller takes the lift for itself. The session lasts until it is closed or its time is over."""
 
     holder: Holder
     key: str = field(default="", repr=False)
     """Idempotency key: the same one of the same holder gives the same session, as long as that is remembered; empty for none."""
     ttl_s: float | None = None
-    """The lease it asks for; the site's is the longest, and what is given where it asks for none."""
+    """The lease that is requested; the site's is the longest, and the default."""
     new_id: str = field(default="", compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
 class RenewSession:
-    """The holder of a session begins its lease again."""
+    """The holder of a session renews its lease."""
 
     session: str = field(repr=False)
     holder: Holder
@@ -131,7 +131,7 @@ class CloseSession:
 
 @dataclass(frozen=True, slots=True)
 class HandOver:
-    """The holder of a session gives it to another caller; `session` is None for faces that know no sessions."""
+    """The holder of a session hands it to another caller; `session` is None for faces that know no sessions."""
 
     holder: Holder
     to: Holder
@@ -178,7 +178,7 @@ class Restrict:
 
 @dataclass(frozen=True, slots=True)
 class Unrestrict:
-    """A person lets robots on the lift again."""
+    """A person ends a restriction: robots may command the lift again."""
 
     kind: RestrictionKind
     by: str

@@ -9,7 +9,7 @@ from lift_manager.lift.session import EndReason, Session
 
 
 def lease_of(session: Session, config: LiftConfig) -> float:
-    """Return the length of its lease in seconds."""
+    """Return the length of a session's lease in seconds."""
     return config.lease_s if session.lease_s is None else min(session.lease_s, config.lease_s)
 
 
@@ -19,12 +19,12 @@ def lease_ends_at(session: Session, config: LiftConfig) -> float:
 
 
 def longest_until(session: Session, config: LiftConfig) -> float:
-    """Return from when on the session ends as soon as that harms nobody, however often it is renewed or handed over."""
+    """Return the time after which the session ends as soon as that harms nobody, however often it is renewed or handed over."""
     return session.opened_at + config.max_session_s
 
 
 def hold_ends_at(session: Session, config: LiftConfig) -> float:
-    """Return when the door is released whatever the holder wants; infinity while it is not held."""
+    """Return when the door is released whatever the holder requests; infinity while it is not held."""
     return math.inf if session.holding_since is None else session.holding_since + config.hold_limit.seconds
 
 
@@ -35,7 +35,7 @@ def releases_at(session: Session, config: LiftConfig) -> float:
 
 
 def time_is_over(session: Session, config: LiftConfig, now: float, *, rides: bool) -> tuple[EndReason, str] | None:
-    """Return why a session is over by its time. `rides` says that a robot may be under way in the car: that is waited for."""
+    """Return why a session is over by its time. `rides` means that a robot may be under way in the car: that is waited for."""
     if now >= lease_ends_at(session, config):
         return EndReason.LEASE, f"the lease of {lease_of(session, config):g} s ran out"
     patience_s = config.capabilities.arrive_within_s if rides else 0.0

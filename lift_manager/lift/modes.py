@@ -12,7 +12,7 @@ def robots_forbidden(mode: Mode) -> bool:
 
 
 def is_on_fire(values: LiftValues) -> bool:
-    """Whether any signal tells of fire, whatever else the mode is."""
+    """Whether any signal reports a fire, whatever else the mode is."""
     flags = values.flags
     return values.mode is Mode.FIRE or values.fire_word or flags.get("fire", False) or flags.get("fireman", False)
 

@@ -31,12 +31,12 @@ class Moment:
     clock: datetime
     """The time of day in the building, with its zone."""
     read_at: float = -math.inf
-    """When the newest whole reading was requested from the controller; nothing that the lift said is older."""
+    """When the newest whole reading was requested from the controller; no signal is older."""
 
 
 @unique
 class RobotDoor(StrEnum):
-    """The one door word for robots: OPEN is an invitation to drive."""
+    """The door state for robots: OPEN is an invitation to drive."""
 
     CLOSED = "closed"
     MOVING = "moving"
@@ -45,7 +45,7 @@ class RobotDoor(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """The newest values of a lift, with what only several readings can tell. Its age is `Moment.read_at`."""
+    """The newest values of a lift, with what only several readings show. Its age is `Moment.read_at`."""
 
     values: LiftValues
     epoch: int
@@ -61,17 +61,17 @@ class Observation:
     is_agreed: bool
     """That evidence came in one piece, or readings agree on it that are far enough apart to be two for the controller too."""
     is_settled: bool
-    """Another reading with the same values would tell nothing new."""
+    """Another reading with the same values would change nothing."""
     follows: bool = False
     """It continues the reading before it: on the same connection, and without a gap longer than a reading counts."""
     not_open_since: Mapping[Side, float] = field(default_factory=dict)
-    """Since when each door that is told by its open contact alone has read "not open"."""
+    """Since when each door with an open contact only has read "not open"."""
     may_be_closing: frozenset[Side] = frozenset()
     """Of these, the doors that may still be closing."""
     doubt: str = ""
-    """Why a door that reads open is not believed; empty while it is."""
+    """Why a door that reads open is not trusted; empty while it is."""
     must_close: bool = False
-    """Its door has to be read closed before it is believed: holding it open would prevent that."""
+    """Its door has to be read closed before it is trusted: holding it open would prevent that."""
 
     @property
     def floor(self) -> FloorName | None:
@@ -80,7 +80,7 @@ class Observation:
 
     @property
     def doors(self) -> Mapping[Side, Door]:
-        """The doors; one that is told by its open contact alone counts as closed only after it has had time to close."""
+        """The doors; one with an open contact only counts as closed once it has had time to close."""
         doors = self.values.doors
         if not self.may_be_closing:
             return doors
@@ -126,15 +126,15 @@ def observe(
 
 
 def permissions_needed(capabilities: Capabilities, *, aboard: bool | None) -> frozenset[str]:
-    """Return the flags of this map of which one must be given before the robot drives; `aboard` is None where nobody knows."""
+    """Return the flags of this map of which one must be set before the robot drives; `aboard` is None if that is unknown."""
     wanted = {True: {"may_leave"}, False: {"may_enter"}, None: {"may_enter", "may_leave"}}
     return capabilities.signals & wanted[aboard]
 
 
 def door_by_signals(observation: Observation, doors_here: tuple[Side, ...], needed: frozenset[str]) -> RobotDoor:
-    """Return the door word for robots by the lift's own signals; sessions and restrictions may only weaken it.
+    """Return the door state for robots by the lift's own signals; sessions and restrictions may only weaken it.
 
-    `needed` are the permissions of which one must be given; empty where the map has none.
+    `needed` are the permissions of which one must be given; empty if the map has none.
     """
     doors, flags = observation.doors, observation.values.flags
     if doors and all(door is Door.CLOSED for door in doors.values()):
@@ -147,12 +147,12 @@ def door_by_signals(observation: Observation, doors_here: tuple[Side, ...], need
 
 
 def robot_mode_granted(observation: Observation, capabilities: Capabilities) -> bool:
-    """Whether the lift is in robot mode, or does not tell."""
+    """Whether the lift is in robot mode, or does not report it."""
     return "robot_mode_on" not in capabilities.signals or observation.values.flags.get("robot_mode_on", False)
 
 
 def doubt_at(observation: Observation | None, floor: FloorName | None) -> str:
-    """Return what a robot waits for at a floor whose door reads open and is not believed; empty where that is not so."""
+    """Return what a robot waits for at a floor whose door reads open and is not trusted; empty otherwise."""
     if observation is None or observation.floor != floor:
         return ""
     return observation.doubt if Door.OPEN in observation.values.doors.values() else ""
@@ -167,18 +167,18 @@ def is_shut(values: LiftValues) -> bool:
 
 
 def has_no_open_door(values: LiftValues) -> bool:
-    """Whether every door reads closed, or the lift tells of no door."""
+    """Whether every door reads closed, or the lift reports no door."""
     return all(door is Door.CLOSED for door in values.doors.values())
 
 
 def may_be_moving(observation: Observation) -> bool:
-    """Whether the car moves or may move: anything but a clear "stopped", or not seen to stand where motion is not told."""
+    """Whether the car moves or may move: anything but a clear "stopped", or not seen to stand where no motion is reported."""
     motion = observation.values.motion
     return not observation.is_standing if motion is None else motion is not Motion.STOPPED
 
 
 def is_under_way(values: LiftValues) -> bool:
-    """Whether the lift says that the car moves, and every door is shut."""
+    """Whether the lift reports that the car moves, and every door is shut."""
     return is_shut(values) and values.motion in MOVING
 
 

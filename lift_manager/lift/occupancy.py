@@ -1,7 +1,7 @@
-"""Where the session's robot is, as far as its life tells: outside, maybe boarding, aboard, or out of the car again.
+"""Where the session's robot is, as far as its reports show: outside, maybe boarding, aboard, or out of the car again.
 
-A lift that tells the empty car from the occupied one must learn the truth about it. A robot's word settles it. A caller that
-has no such word is believed by what it does, and only where the site allows that.
+A lift that distinguishes the empty car from the occupied one must learn the truth about it. A robot's own report settles it. From
+a caller that cannot report, its robot's place is inferred from its requests, and only if the site allows that.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from register_maps.vocabulary import HANDSHAKE
 
 @unique
 class RobotWord(StrEnum):
-    """What a robot says about itself; faces that cannot say it leave it out."""
+    """What a robot reports of itself; faces that cannot report it leave it out."""
 
     IN_PLACE = "in_place"
     """It is in the car and may be taken along."""
@@ -34,7 +34,7 @@ class Occupancy(StrEnum):
     """The car stood open for it: it may be outside, inside, or in between."""
     ABOARD = "aboard"
     EXITED = "left"
-    """It got out; nobody else has been called for."""
+    """It got out, and the car has not been called for another one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class BoardingProgress:
     may_leave_at: FloorName | None = None
     """Where the door last stood open for it to leave; None once the car has moved on."""
     sent_on: bool = False
-    """Since it was last known outside, the car was sent on from a stop where it may have entered, and nobody said whether it did."""
+    """Since it was last known outside, the car was sent on from a stop where it may have entered, without a report whether it did."""
 
     @property
     def may_be_in_car(self) -> bool:
@@ -56,7 +56,7 @@ class BoardingProgress:
 
     @property
     def reported(self) -> Occupancy:
-        """Where the robot is, as far as anybody knows: one that was sent on unheard may be inside."""
+        """Where the robot is, as far as it is known: one that was sent on without a report may be inside."""
         unsure = self.occupancy is Occupancy.OUTSIDE and self.sent_on
         return Occupancy.MAY_BOARD if unsure else self.occupancy
 
@@ -69,7 +69,7 @@ class SavedBoarding:
     sent_on: bool = False
     may_leave_at: FloorName | None = None
     in_place_taken: bool = False
-    """The lift has taken the word that the robot is in place."""
+    """The lift has taken that the robot is in place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,29 +89,29 @@ class OccupancyAtEnd(StrEnum):
 
     DONE = "done"
     EXITED = "exited"
-    """It got out, and the lift is told."""
+    """It got out, and the lift has to know."""
     DOUBT = "doubt"
     """It is, or may be, in the car."""
 
 
 def occupancy_matters(capabilities: Capabilities) -> bool:
-    """Whether this lift is told something else for an occupied car than for an empty one."""
+    """Whether this lift distinguishes an occupied car from an empty one."""
     return capabilities.needs_occupancy or bool(capabilities.commands & HANDSHAKE)
 
 
 def is_aboard(boarding: BoardingProgress, capabilities: Capabilities) -> bool | None:
-    """Whether the robot counts as aboard; None where nobody says, and the lift does not need to know."""
+    """Whether the robot counts as aboard; None if that is not reported, and the lift does not need to know."""
     if boarding.occupancy is Occupancy.ABOARD:
         return True
     return False if occupancy_matters(capabilities) or boarding.occupancy is Occupancy.EXITED else None
 
 
 def boarding_without_session(*, aboard: bool) -> BoardingProgress:
-    """Return what is known of a robot whose session ended before anybody said that it was outside."""
+    """Return what is known of a robot whose session ended before a report that it was outside."""
     return BoardingProgress(Occupancy.ABOARD if aboard else Occupancy.MAY_BOARD)
 
 
-# -- what readings tell
+# -- what readings show
 
 
 def stands_open_to_enter(boarding: BoardingProgress, now: float) -> BoardingProgress:
@@ -138,7 +138,7 @@ def car_observed_at(boarding: BoardingProgress, floor: FloorName | None, *, unde
     return replace(boarding, may_leave_at=None)
 
 
-# -- what requests tell
+# -- what requests show
 
 
 def boarding_by_request(
@@ -149,7 +149,7 @@ def boarding_by_request(
     config: LiftConfig,
     now: float,
 ) -> BoardingProgress | str:
-    """Take a request of the holder, or return why it cannot be taken. `stop` is None where there is no session yet."""
+    """Take a request of the holder, or return why it cannot be taken. `stop` is None if there is no session yet."""
     after: BoardingProgress | str = boarding
     if word is RobotWord.IN_PLACE:
         after = _robot_in_place(boarding, stop)
@@ -158,7 +158,7 @@ def boarding_by_request(
     if isinstance(after, str):
         return after
     if stop is None:
-        # a doubt goes along into a session of its own: the robot may have entered before it, so every floor is a ride
+        # a doubt continues in a session of its own: the robot may have entered before it, so every floor is a ride
         return BoardingProgress(Occupancy.MAY_BOARD, sent_on=True) if after.occupancy is Occupancy.MAY_BOARD else after
     return after if floor == stop.floor else _sent_on(after, stop, config, now)
 
@@ -166,7 +166,7 @@ def boarding_by_request(
 def has_exited(
     boarding: BoardingProgress, floor: FloorName, word: RobotWord | None, target: FloorName | None, config: LiftConfig
 ) -> bool:
-    """Whether a release says that the robot got out: in words, or by being made at the target."""
+    """Whether a release means that the robot got out: by a report, or because it is made at the target."""
     if boarding.occupancy is not Occupancy.ABOARD or boarding.may_leave_at is None:
         return False
     is_inferred = config.infer_occupancy and floor == target == boarding.may_leave_at
@@ -176,10 +176,11 @@ def has_exited(
 def leaves_doubt(
     boarding: BoardingProgress, *, released: bool, word: RobotWord | None, arrived: bool, has_words: bool, let_out: bool
 ) -> bool:
-    """Whether the end of a session leaves it open whether its robot is in the car. `released` says that its holder ended it.
+    """Whether the end of a session leaves it open whether its robot is in the car.
 
-    A holder that releases, or wanted no more than to arrive, is done, unless its robot was aboard on the way, or may have been
-    sent on and the door has not stood open for it since (`let_out`). One that `has_words` has to say that its robot left.
+    `released` means that its holder ended it. A holder that releases, or only wanted to arrive, is done, unless its robot was
+    aboard on the way, or may have been sent on and the door has not stood open for it since (`let_out`). One that `has_words` has
+    to report that its robot left.
     """
     if released:
         if has_words and word is not RobotWord.LEFT:

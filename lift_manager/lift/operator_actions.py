@@ -1,4 +1,4 @@
-"""What people with the right to do so decide about a lift: keep robots off, let them on, end a session, acknowledge."""
+"""What authorised people decide about a lift: keep robots off, admit them again, end a session, acknowledge."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def restrict(draft: Draft, action: Restrict) -> Restriction | Refused:
 
 
 def unrestrict(draft: Draft, action: Unrestrict) -> RestrictionEnded | Refused:
-    """Let robots on the lift again."""
+    """End a restriction: robots may command the lift again."""
     name, record, kind = draft.config.name, draft.record, action.kind
     if (restriction := record.restriction(kind)) is None:
         if kind is RestrictionKind.LOCKOUT:
@@ -72,7 +72,7 @@ def force_release(draft: Draft, action: ForceRelease) -> ForceReleased | Refused
 
 
 def acknowledge(draft: Draft, action: Acknowledge) -> Acknowledged | Refused:
-    """Take it that a person has checked the lift after a fire or a contradiction, or found no robot in its car."""
+    """Record that a person has checked the lift after a fire or a contradiction, or found no robot in its car."""
     config, durable, session = draft.config, draft.record.durable, draft.session
     if (refused := too_early_to_acknowledge(config, draft.record, draft.moment)) is not None:
         return refused
@@ -95,7 +95,7 @@ def acknowledge(draft: Draft, action: Acknowledge) -> Acknowledged | Refused:
     trust = replace(durable.trust, distrust=())
     draft.change_durable(fire_since=None, trust=trust, acknowledged=acknowledged)
     if (observation := draft.record.observation) is not None:
-        # the next reading is judged by what is trusted now
+        # the next reading is judged by the trust of this moment
         draft.change(observation=replace(observation, is_settled=False))
     draft.emit(acknowledged)
     if seen_to is not None:
@@ -105,10 +105,10 @@ def acknowledge(draft: Draft, action: Acknowledge) -> Acknowledged | Refused:
 
 
 def _needs_a_person(draft: Draft) -> Callable[[Draft], None] | None:
-    """Return what is done once a person has seen to the car and the lift; None where nothing of ours needs one.
+    """Return what is done once a person has seen to the car and the lift; None if nothing of ours needs one.
 
-    After a fire, and behind a robot that may be in the car, the lift is told once more that an earlier one left. A word that is
-    on its way for the first time needs nobody: a lift that never took it would take no robot any more.
+    After a fire, and behind a robot that may be in the car, it is reported to the lift once more that an earlier one left. A
+    report that is on its way for the first time needs nobody: a lift that never took it would take no robot any more.
     """
     record = draft.record
     if record.session is None and record.robot_in_car is not None:

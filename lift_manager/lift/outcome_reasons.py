@@ -1,4 +1,4 @@
-"""What became of commands, in closed words: for whoever counts them. Pure."""
+"""Why commands ended as they did, in closed words: for metrics. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivers.model import Outcome, Proof, Result
 
 @unique
 class Reason(StrEnum):
-    """Why a command ended as it did; the text of its outcome says it to people."""
+    """Why a command ended as it did; the text of its outcome is for people."""
 
     NONE = "none"
     READBACK = "readback"
@@ -19,9 +19,9 @@ class Reason(StrEnum):
     NOT_GRANTED = "not_granted"
     """The lift did not grant what it needs, such as robot mode."""
     NOT_SENT = "not_sent"
-    """Nothing of it left: refused at the last moment, replaced or let go before its turn."""
+    """Nothing of it left: refused at the last moment, replaced or released before its turn."""
     LIFT_REFUSED = "lift_refused"
-    """It was sent, and the controller said no."""
+    """It was sent, and the controller refused it."""
     NO_EVIDENCE = "no_evidence"
     """It was sent, or may have been, and nothing shows that it took effect."""
 

@@ -16,17 +16,17 @@ class Hold:
     """An output that should be on. What `outputs` does not declare is released."""
 
     begin: bool
-    """Put it on if it is off; otherwise what is on stays on, and what is off stays off."""
+    """Switch it on if it is off; otherwise what is on stays on, and what is off stays off."""
     until: float
-    """When it falls by itself, in monotonic seconds: a manager that hangs holds nothing for long."""
+    """When it is released by itself, in monotonic seconds: a manager that hangs holds nothing for long."""
 
 
 def outputs(config: LiftConfig, record: LiftRecord) -> Mapping[Command, Hold]:
     """Return the holds that should be on: doors, robot mode, and the presses that stay on until something ends them.
 
     How long they may stay on without a new reading is counted from the newest reading at which they were wanted. A press that
-    stays on is begun by `Press` and is only kept here, so that losing it is never another press. What the map requires and the
-    lift no longer gives ends a hold.
+    stays on is begun by `Press` and is only kept here, so that losing it is never another press. A hold ends when the lift no
+    longer shows a flag that the map requires.
     """
     holds: dict[Command, Hold] = {}
     if (mode := record.robot_mode).is_requested and config.has(ROBOT_MODE):

@@ -10,11 +10,11 @@ from lift_manager.lift.refusals import Blocking, Refusal, Refused
 from lift_manager.lift.session import RMF, Holder
 
 WAITS_AS_ONE = frozenset({RMF, "workshop"})
-"""Faces whose callers do nothing but ask again while another one holds the lift: each waits as one, for all its callers."""
+"""Faces whose callers can only repeat their request while another one holds the lift: each waits as one, for all its callers."""
 WAITS_BY_REPEATING = WAITS_AS_ONE | {"api"}
-"""Faces whose callers wait because they were refused, for as long as they ask again. Rides join and leave by themselves."""
+"""Faces whose callers wait because they were refused, for as long as they repeat the request. Rides join and leave by themselves."""
 LAPSES_AFTER_S = 5.0
-"""A caller that has to ask again leaves the queue when it was silent for so long. RMF asks once a second (open-rmf 1.6)."""
+"""A caller that has to repeat its request leaves the queue after this silence. RMF requests once a second (open-rmf 1.6)."""
 
 Place = Holder | str
 """Who has a place: a holder, or a face whose callers wait as one."""
@@ -26,9 +26,9 @@ class Queue:
 
     places: tuple[Place, ...] = ()
     requested_at: Mapping[Place, float] = field(default_factory=dict)
-    """When each of those that have to ask again did so last."""
+    """When each of those that have to repeat their request last did so."""
     departures: int = 0
-    """How many have left the queue so far, each of whom let those behind move up."""
+    """How many have left the queue so far; each of them let those behind it move up."""
 
 
 def join(queue: Queue, holder: Holder, now: float) -> Queue:
@@ -42,7 +42,7 @@ def join(queue: Queue, holder: Holder, now: float) -> Queue:
 
 
 def leave(queue: Queue, holder: Holder) -> Queue:
-    """Remove a caller whose turn has come, or that no longer wants the lift."""
+    """Remove a caller whose turn has come, or that no longer needs the lift."""
     return _without(queue, place_of(holder))
 
 
@@ -55,7 +55,7 @@ def join_if_refused(queue: Queue, holder: Holder, refused: Refused, now: float) 
 
 
 def lapse(queue: Queue, now: float) -> Queue:
-    """Remove the callers that have to ask again and have not."""
+    """Remove the callers that have to repeat their request and have not."""
     for place, at in tuple(queue.requested_at.items()):
         if now >= at + LAPSES_AFTER_S:
             queue = _without(queue, place)
@@ -82,7 +82,7 @@ def why_not_yet(lift: str, queue: Queue, holder: Holder, now: float) -> Refused 
 
 
 def next_lapse(queue: Queue) -> float:
-    """Return when the next caller leaves because it is silent; infinity for none."""
+    """Return when the next caller leaves because it is silent; infinity if none does."""
     return min((at + LAPSES_AFTER_S for at in queue.requested_at.values()), default=float("inf"))
 
 

@@ -29,7 +29,7 @@ class Occupied:
 
     holder: Holder
     aboard: bool
-    """It was said to be aboard, or inferred; otherwise it was merely possible."""
+    """It was reported or inferred to be aboard; otherwise it was merely possible."""
     since: datetime
 
 
@@ -55,7 +55,7 @@ class SavedSession:
     key: str = field(default="", repr=False)
     key_ttl_s: float | None = None
     ends_at: datetime | None = None
-    """When it ends whatever its holder wants: a person has ended it, and a robot may still be in its doorway."""
+    """When it ends whatever its holder requests: a person has ended it, and a robot may still be in its doorway."""
     ends_for: tuple[EndReason, str] | None = None
     """Why it ends then, as a code and in words."""
 
@@ -70,9 +70,9 @@ class DurableRecord:
     """At most one of a kind."""
     occupied: Occupied | None = None
     robot_left_pending_since: datetime | None = None
-    """Since when the lift has not taken the word that a robot left; None where it is owed none."""
+    """Since when the lift has not taken that a robot left; None if nothing is to be reported."""
     robot_mode_until: datetime | None = None
-    """Until when robot mode is kept at the most although its session is over; None where it is not."""
+    """Until when robot mode is kept at most although its session is over; None if it is not kept."""
     acknowledged: Acknowledged | None = None
     """The newest one."""
     session: SavedSession | None = None
@@ -97,12 +97,12 @@ class DurableRecord:
 
 @dataclass(frozen=True, slots=True)
 class HandshakeWord:
-    """One word to the controller about its passenger. It follows the rules of a call: pressed once, and again after a pause."""
+    """One report to the controller about its passenger. It follows the rules of a call: pressed once, and again after a pause."""
 
     call: Call | None = None
-    """None where the lift need not be told."""
+    """None if the lift need not know."""
     is_on: bool = False
-    """A word that is a level stays on from its press, until it is released."""
+    """A report that is a level stays on from its press until it is released."""
     renewed_at: float = -math.inf
 
     @property
@@ -122,7 +122,7 @@ class HandshakeWord:
 
     @property
     def is_late(self) -> bool:
-        """Whether it is owed after it failed, or from before a restart."""
+        """Whether it is still to be taken after it failed, or after a restart."""
         if self.call is None or not self.is_unacknowledged:
             return False
         return self.call.phase is CallPhase.FAILED or self.call.failures > 0
@@ -134,7 +134,7 @@ class DoorHold:
 
     floor: FloorName
     may_begin: bool
-    """What is found off is put on; otherwise only what is on stays."""
+    """What is found off is switched on; otherwise only what is on stays."""
     renewed_at: float
     """How long it stays on is counted from the newest reading at which it was wanted."""
 
@@ -158,7 +158,7 @@ class RobotModeHold:
     was_pressed: bool = False
     """Its bytes have left, or it may be found on after a restart."""
     kept_until: float | None = None
-    """Its session is over, and the car still moves: until then at the most it is kept."""
+    """Its session is over, and the car still moves: it is kept until then at most."""
     renewed_at: float = -math.inf
     """As `DoorHold.renewed_at`."""
 
@@ -177,7 +177,7 @@ class PendingPress:
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """A holder that does not renew while others ask: for whom people were told of it."""
+    """A holder that does not renew while others request the lift: for which callers people were alerted to it."""
 
     session: int
     holder: Holder
@@ -187,17 +187,17 @@ class Silence:
 
 @dataclass(frozen=True, kw_only=True)
 class LiftRecord:
-    """One lift. Only `step` makes another one of it, a dozen times in some steps: it has no slots, so that `having` is quick."""
+    """One lift. Only `step` changes it, a dozen times in some steps: it has no slots, so that `having` is fast."""
 
     durable: DurableRecord = field(default_factory=DurableRecord)
 
-    # what the lift says
+    # what the lift reports
     observation: Observation | None = None
     """None before the first reading."""
     track: Track = field(default_factory=Track)
-    """What speaks for its door signal and against it, since the connection began."""
+    """The evidence for its door signal and against it, since the connection began."""
     fault: str = "no answer yet"
-    """Why the last poll failed, or came to nothing; empty when it did not."""
+    """Why the last poll failed, or could not be used; empty if it did not."""
     outputs: Outputs = field(default_factory=dict)
     departed_at: Mapping[FloorName, float] = field(default_factory=dict)
     """When the car last left each floor while nobody held the lift."""
@@ -208,17 +208,17 @@ class LiftRecord:
     used_by: int = 0
     """The newest session for which anything was pressed or held."""
     people_until: float = -math.inf
-    """Until then people have the lift to themselves between two robots."""
+    """Until then it is the turn of people, between two robots."""
     released_open: bool = False
     """A session has ended with its door open, and the door has not been seen to close since."""
     waiting_for: str = ""
-    """What the lift, or the holder, has still to give before anything is pressed."""
+    """What the lift, or the holder, still has to do before anything is pressed."""
     ungranted: tuple[int, FloorName, float] | None = None
     """Session, stop and time since which a door was to be held without robot mode."""
     silence: Silence | None = None
     queue: Queue = field(default_factory=Queue)
     turns: Mapping[Holder, tuple[float, float]] = field(default_factory=dict)
-    """How many turns each caller had used up, and when that was so; one that is absent has all."""
+    """How many turns each caller had used up, and when; one that is absent has all of them."""
 
     # what is pressed and held for it
     call: Call | None = None
@@ -229,9 +229,9 @@ class LiftRecord:
     """The newest call that kept the door open."""
     door_hold: DoorHold | None = None
     door_hold_found: bool = False
-    """A door hold of before a restart waits until the car is seen to stand there."""
+    """A door hold from before a restart waits until the car is seen to stand there."""
     door_on_since: float | None = None
-    """Where the controller lets go of a held door by itself: since when one has been held, or was to be, and not seen at rest."""
+    """For a controller that releases a held door by itself: since when one has been held, or was to be, and not seen at rest."""
     door_held_since: float | None = None
     """Since when what keeps the door open has been seen to be on."""
     closing: DoorClosing = field(default_factory=DoorClosing)
@@ -242,7 +242,7 @@ class LiftRecord:
     # where its robot is
     boarding: BoardingProgress = field(default_factory=BoardingProgress)
     abandoned_by: Holder | None = None
-    """Whose session ended while its robot was, or may have been, in the car."""
+    """The holder whose session ended while its robot was, or may have been, in the car."""
     in_place: HandshakeWord = field(default_factory=HandshakeWord)
     robot_left: HandshakeWord = field(default_factory=HandshakeWord)
 
@@ -252,7 +252,7 @@ class LiftRecord:
 
     # fire, stopping and the disk
     fire_release_at: float | None = None
-    """The robot has been told of the fire; then everything is released."""
+    """The robot has been informed of the fire; then everything is released."""
     is_stopping: bool = False
     saved_as: tuple[Session, SavedBoarding, bool] | None = None
     """The session, its robot, and whether its call was pressed, as they were saved last."""
@@ -261,10 +261,10 @@ class LiftRecord:
     committed: int = 0
     """The newest sequence number that is on the disk."""
     disk_trouble: str = ""
-    """Why nothing may be pressed, because it cannot be written down; empty while it can."""
+    """Why nothing may be pressed, because it cannot be recorded; empty while it can."""
 
     def having(self, **fields: Any) -> LiftRecord:
-        """Return this record with other values, as `dataclasses.replace` does in six times the time. Names are not checked."""
+        """Return this record with other values, in a sixth of the time of `dataclasses.replace`. Names are not checked."""
         after = object.__new__(LiftRecord)
         vars(after).update(vars(self), **fields)
         return after
@@ -293,17 +293,17 @@ class LiftRecord:
 
     @property
     def has_robot_left_pending(self) -> bool:
-        """Whether the lift has not taken that a robot left. One that is aboard again makes its picture right."""
+        """Whether the lift has not taken that a robot left. With one aboard again, what it believes is right."""
         return self.robot_left.is_unacknowledged and self.boarding.occupancy is not Occupancy.ABOARD
 
     @property
     def repeats_robot_left(self) -> bool:
-        """Whether the word that a robot left is given until it is taken: not while one may be going in."""
+        """Whether the report that a robot left is repeated until it is taken: not while one may be going in."""
         return self.robot_left.is_unacknowledged and not self.boarding.may_be_in_car
 
     @property
     def robot_in_car(self) -> tuple[Holder, bool] | None:
-        """Whose robot may be in the car, and whether it is known to be; None where there is none."""
+        """The holder whose robot may be in the car, and whether it is known to be; None if there is none."""
         holder = self.session.holder if self.session is not None else self.abandoned_by
         if holder is None or not self.boarding.may_be_in_car:
             return None

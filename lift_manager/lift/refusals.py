@@ -1,4 +1,4 @@
-"""Why a request is not taken: a stable code, a message that names the cure, and what stands in the way as values."""
+"""Why a request is not taken: a stable code, a message that names the remedy, and what stands in the way as values."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ class Refusal(StrEnum):
     MONITOR_ONLY = "monitor_only"
     NOT_POSSIBLE = "not_possible"
     OCCUPANCY_UNKNOWN = "occupancy_unknown"
-    """A robot may be aboard: nobody has said whether one is, or it is not the caller's."""
+    """A robot may be aboard: nobody has reported whether one is, or it is not the caller's."""
     STOPPING = "stopping"
     FIRE_ACTIVE = "fire_active"
-    """A fire cannot be acknowledged while the lift still tells of it."""
+    """A fire cannot be acknowledged while the lift still reports it."""
     NOTHING_TO_ACKNOWLEDGE = "nothing_to_acknowledge"
     NOT_LOCKED_OUT = "not_locked_out"
     DRAINING = "draining"
-    """A person lets sessions end and no new one begin."""
+    """A drain: sessions end and no new one begins."""
     NOT_DRAINING = "not_draining"
     NOT_HELD = "not_held"
     """Nobody holds the lift, so there is no session to end or to hand over."""
     NOT_RECORDED = "not_recorded"
-    """What would be done cannot be written down, so nothing is pressed."""
+    """The action cannot be recorded, so nothing is pressed."""
     TOO_OFTEN = "too_often"
-    """The caller changed its mind so often that people and the journal have to be spared."""
+    """The caller changed its floor so often that people and the journal have to be protected."""
     QUEUED = "queued"
     """The lift is free, and others who waited for it come first."""
     NO_SUCH_SESSION = "no_such_session"
-    """There is none of that id here; one that was is remembered for a while."""
+    """There is none of that id here; one that is over is remembered for a while."""
     SESSION_OVER = "session_over"
     """The session of that id is over; the message says why."""
     NO_SUCH_COMMAND = "no_such_command"
@@ -53,7 +53,7 @@ class Refusal(StrEnum):
     NOT_NOW = "not_now"
     """It makes no sense where the session is; the message says where that is."""
     TOO_MANY = "too_many"
-    """More rides go on than this manager keeps, of this caller or of all."""
+    """More rides are under way than this manager keeps, of this caller or of all."""
     KEY_REUSED = "key_reused"
     """The idempotency key stands for another request of the same caller; the message says for which."""
 
@@ -69,7 +69,7 @@ class Blocking:
     age_s: float | None = None
     """How old the last whole reading of the lift is."""
     ahead: int | None = None
-    """How many wait before."""
+    """How many callers wait before."""
 
 
 @dataclass(frozen=True, slots=True)

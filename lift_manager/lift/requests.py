@@ -1,8 +1,8 @@
-"""Decides on what callers request: who gets the lift, what is wanted of it, and what is refused.
+"""Decides on what callers request: who gets the lift, what it is to do, and what is refused.
 
 A face that knows no sessions names a floor, and the session follows from it (`request_lift`); others open a session and give
-commands within it (`open_session`, `give_command`). Both are admitted by the same inhibits and want the same things; what
-differs is the `SessionPolicy`.
+commands within it (`open_session`, `give_command`). Both are admitted by the same inhibits and have the same effects; what differs
+is the `SessionPolicy`.
 """
 
 from __future__ import annotations
@@ -60,11 +60,11 @@ RECENT_FLOOR_S = 3.0
 an answer (open-rmf 2.1), so its idea of the floor may be 2.5 s old."""
 
 TURNS, TURN_EVERY_S = 30, 3.0
-"""So often one caller may begin a session or change its floor: `TURNS` at once, then one in so many seconds. Chosen: a ride takes
-longer, and a caller that wants another floor 900 times a second wears out neither the lift nor the journal."""
+"""How often one caller may begin a session or change its floor: `TURNS` at once, then one in so many seconds. Chosen: a ride takes
+longer, and a caller that requests another floor 900 times a second wears out neither the lift nor the journal."""
 
 PASSING = frozenset({Refusal.OFFLINE, Refusal.OCCUPANCY_UNKNOWN, Refusal.TOO_OFTEN})
-"""Why a request may be refused that is taken when it comes again a little later."""
+"""Why a request may be refused that is taken when it is repeated a little later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class SessionBegun:
 
     session: SessionInfo
     is_new: bool
-    """False where the idempotency key gave one that was there already."""
+    """False where the idempotency key gave an existing one."""
 
 
 # -- faces that know no sessions
@@ -96,7 +96,7 @@ def request_lift(draft: Draft, request: LiftRequest) -> Accepted | Refused:
 
 
 def end_own_session(draft: Draft, request: EndSession) -> Accepted | Refused:
-    """End the session at its holder's word, after the grace; one that is over already is over."""
+    """End the session at its holder's request, after the grace; one that is over already stays over."""
     if draft.record.is_stopping:
         return STOPPING
     if (session := draft.session) is None:
@@ -127,7 +127,7 @@ def _take_request(draft: Draft, request: LiftRequest, *, is_release: bool) -> Ac
 
 
 def _admit(draft: Draft, request: LiftRequest, *, is_release: bool, needs_lift: bool) -> Session | Accepted | Refused:
-    """Return the session as it goes on with a request, or why it is not taken; a release is done here."""
+    """Return the session as it continues with a request, or why it is not taken; a release is done here."""
     config, now = draft.config, draft.now
     if draft.record.is_stopping:
         return STOPPING
@@ -167,7 +167,7 @@ def _why_not_admitted(draft: Draft, request: LiftRequest, session: Session | Non
     goes_on = session is not None or handshake.may_go_on(record, request.holder)
     refused = command_refusal(config, record, moment, goes_on=goes_on)
     if refused is not None and session is not None and session.is_ending and refused.code is Refusal.OFFLINE:
-        # it thinks again in its grace and keeps what is on; nothing is pressed for it before the lift is read
+        # it continues in its grace and keeps what is on; nothing is pressed for it before the lift is read
         return None
     if refused is not None or goes_on:
         return refused
@@ -176,7 +176,7 @@ def _why_not_admitted(draft: Draft, request: LiftRequest, session: Session | Non
 
 
 def _contest(draft: Draft, request: LiftRequest) -> Refused | None:
-    """End another caller's session that has to make way for this request, if it has to."""
+    """End another caller's session that has to give way to this request, if it has to."""
     config, record = draft.config, draft.record
     refusal = command_refusal(config, record, draft.moment, goes_on=False) or unreachable_floor(
         config, request.floor, aboard=request.robot is RobotWord.IN_PLACE
@@ -186,16 +186,16 @@ def _contest(draft: Draft, request: LiftRequest) -> Refused | None:
 
 
 def _only_releases_door(request: LiftRequest, session: Session) -> bool:
-    """Whether a request wants the door no longer where the session has it, and nothing else: nothing forbids that."""
+    """Whether a request only ends the door hold of the session: nothing forbids that."""
     is_here = request.floor == session.floor
     return request.stays and not request.hold_door and session.hold_door and is_here
 
 
 def _is_release(draft: Draft, request: LiftRequest) -> bool:
-    """Whether the requested floor is the one that this lift reports, so that a request not to hold the door there releases.
+    """Whether the requested floor is the one that this lift reports, so that a request not to hold the door there is a release.
 
     An idle lift that people move is not called back to a floor that a slow client still believes in. Of a lift that is offline,
-    clients know the last floor. Where only the open door tells the floor, the target counts once the door has stood open there.
+    clients know the last floor. Where only the open door shows the floor, the target counts once the door has stood open there.
     """
     if request.robot is not None:
         return request.robot is RobotWord.LEFT
@@ -212,7 +212,7 @@ def _is_release(draft: Draft, request: LiftRequest) -> bool:
 
 
 def _forgive_end(draft: Draft, request: LiftRequest, refused: Refused) -> None:
-    """Let a session go on whose holder asks again within its grace, where nothing but time forbids the request.
+    """Continue a session whose holder sends a request within its grace, where nothing but time forbids the request.
 
     What is on stays on for it, and a call that its end kept back waits for a request that is taken.
     """
@@ -227,13 +227,16 @@ def _forgive_end(draft: Draft, request: LiftRequest, refused: Refused) -> None:
 
 
 def _leave_call(draft: Draft) -> None:
-    """Leave a call that was not pressed to the next request: nobody knows how long the lift cannot be read, nor who still wants it then."""
+    """Leave a call that was not pressed to the next request.
+
+    Nobody knows how long the lift cannot be read, nor who still needs it then.
+    """
     call = draft.record.call
     if call is not None and call.phase is CallPhase.REQUESTED:
         draft.change(call=call_after_restart(call.floor, draft.now, pressed=False))
 
 
-# -- sessions of their holders' own
+# -- sessions that their holders open
 
 
 def open_session(draft: Draft, request: OpenSession) -> SessionBegun | Refused:
@@ -254,13 +257,13 @@ def open_session(draft: Draft, request: OpenSession) -> SessionBegun | Refused:
     session = replace(session, lease_s=lease_s, key=request.key, key_ttl_s=key_ttl_s)
     go_on_with(draft, session)
     take_turn(draft, request.holder)
-    # what goes on with it may have ended it by now
+    # what continues with it may have ended it by now
     info = history.read_session(config, draft.record, session.id, None, moment)
     return info if isinstance(info, Refused) else SessionBegun(info, is_new=True)
 
 
 def renew_session(draft: Draft, request: RenewSession) -> SessionInfo | Refused:
-    """Begin the lease again; `ttl_s` None leaves its length. The call of a session from before a restart goes on."""
+    """Begin the lease again; `ttl_s` None leaves its length. The call of a session from before a restart continues."""
     found = live_session(draft, request.session, request.holder)
     if isinstance(found, Refused):
         return found
@@ -270,7 +273,7 @@ def renew_session(draft: Draft, request: RenewSession) -> SessionInfo | Refused:
 
 
 def close_session(draft: Draft, request: CloseSession) -> SessionInfo | Refused:
-    """End a session, or take what the robot of one that is over has still to say."""
+    """End a session, or take what the robot of one that is over still has to report."""
     config, holder, word = draft.config, request.holder, request.robot
     found = history.find_session(config, draft.record, request.session, holder, draft.moment)
     if isinstance(found, Refused):
@@ -284,9 +287,9 @@ def close_session(draft: Draft, request: CloseSession) -> SessionInfo | Refused:
 
 
 def hand_over(draft: Draft, request: HandOver) -> Accepted | SessionInfo | Refused:
-    """Give a session to another caller at its holder's word, with what is known of the robot. Car and door stay as they are.
+    """Hand a session to another caller at its holder's request, with what is known of the robot.
 
-    For its holder it is over; the reply has its new id where the face knows sessions.
+    Car and door stay as they are. For its holder it is over; the reply has its new id where the face knows sessions.
     """
     if request.session is None:
         found = session_of(draft, request.holder)
@@ -350,7 +353,7 @@ def live_session(draft: Draft, session_id: str, holder: Holder) -> Session | Ref
 
 
 def go_on_with(draft: Draft, session: Session, *, is_requested: bool = True) -> None:
-    """Go on with a session that was admitted; `is_requested` where its call is wanted, or wanted again."""
+    """Continue with a session that was admitted; `is_requested` if its call is requested, or requested again."""
     is_new = draft.session is None
     holds_again = is_requested and session.hold_door and session.hold_spent
     if holds_again:
@@ -365,7 +368,7 @@ def go_on_with(draft: Draft, session: Session, *, is_requested: bool = True) -> 
 
 
 def _request_target(draft: Draft, session: Session, *, holds_again: bool) -> None:
-    """Want the car at the target: a new call, or the same one again; `holds_again` after the hold was spent."""
+    """Request the car at the target: a new call, or the same one again; `holds_again` after the hold was spent."""
     doors.forget_closing(draft)
     config, floor, now = draft.config, session.floor, draft.now
     if floor is None:
@@ -386,7 +389,7 @@ def _request_target(draft: Draft, session: Session, *, holds_again: bool) -> Non
 
 
 def _new_session(draft: Draft, holder: Holder, session_id: str, *, stays: bool) -> Session:
-    """Return a session that begins now. Nothing is wanted for it yet."""
+    """Return a session that begins now. Nothing is requested for it yet."""
     now = draft.now
     return Session(
         number=draft.record.sessions_opened + 1,
@@ -406,7 +409,7 @@ def _new_session(draft: Draft, holder: Holder, session_id: str, *, stays: bool) 
 
 
 def is_new(draft: Draft, holder: Holder, floor: FloorName | None, *, hold_door: bool) -> bool:
-    """Whether a request wants something else than what goes on."""
+    """Whether a request changes what is requested already."""
     session = draft.session
     return session is None or (session.holder, session.floor, session.hold_door) != (holder, floor, hold_door)
 

@@ -1,4 +1,4 @@
-"""What of a lift outlives the manager: saved after every step, and taken up at the next start. A start presses nothing."""
+"""What of a lift outlives the manager: saved after every step, and restored at the next start. A start presses nothing."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _LASTING = attrgetter(*(one.name for one in fields(Session) if one.name not in (
 def save(draft: Draft) -> None:
     """Bring the durable part of the record up to date with the rest.
 
-    The session of a manager that stops stays on the disk as it was: it rests until the next start.
+    The session of a manager that stops stays on the disk as it was: it is kept for the next start.
     """
     durable = draft.record.durable
     occupied, owed = _left_behind(draft)
@@ -68,7 +68,7 @@ def _saved_past(record: LiftRecord) -> tuple[SavedPast, ...]:
 
 
 def _left_behind(draft: Draft) -> tuple[tuple[Holder, bool] | None, bool]:
-    """Return whose robot may be in the car, and whether the lift is owed the word that one left, were the manager to end now.
+    """Return whose robot may be in the car, and whether the lift has still to learn that one left, if the manager ended now.
 
     A session that its holder has ended counts as over.
     """
@@ -93,7 +93,7 @@ def _occupied(durable: DurableRecord, by: tuple[Holder, bool] | None, clock: dat
 
 
 def _robot_mode_until(draft: Draft, durable: DurableRecord) -> datetime | None:
-    """Return until when robot mode is kept at the most, were the session over by the time that is known of it."""
+    """Return until when robot mode would be kept at most, if the session were over."""
     session, record = draft.session, draft.record
     until = record.robot_mode.kept_until
     if session is not None and session.end is not None:
@@ -165,10 +165,10 @@ def _saved_every_s(session: Session, config: LiftConfig) -> float:
 
 
 def restore(draft: Draft) -> None:
-    """Go on with what was saved, before the lift is read for the first time.
+    """Continue with what was saved, before the lift is read for the first time.
 
-    Nothing is pressed by it: what is found on is kept on, and what is found off waits until the holder asks again, for somebody
-    may have let go of it meanwhile, and a holder that still needs it asks within seconds.
+    Nothing is pressed by it: what is found on is kept on, and what is found off waits for the holder's next request, because
+    somebody may have released it meanwhile, and a holder that still needs it sends a request within seconds.
     """
     handshake.restore_occupied(draft)
     draft.change(past_sessions=tuple(_past(draft, past) for past in draft.record.durable.past_sessions))
@@ -194,7 +194,7 @@ def restore(draft: Draft) -> None:
 
 
 def _past(draft: Draft, saved: SavedPast) -> PastSession:
-    """Return a session that was over before this start, as old as the wall clock says."""
+    """Return a session that was over before this start, as old as the wall clock shows."""
     over = saved.info.over
     gone_s = 0.0 if over is None else max(0.0, (_utc(draft.moment.clock) - _utc(over.at)).total_seconds())
     commands = restored_commands(saved.commands, draft.moment.clock)
@@ -205,8 +205,8 @@ def _restored(config: LiftConfig, saved: SavedSession, draft: Draft) -> Session:
     """Return a saved session at this moment.
 
     What had passed by `saved_at` is known, whatever the clocks do. What has passed since is the difference of two readings of the
-    wall clock: a clock that went back counts as no time at all, so that a lease starts again at most; one that jumped forward
-    ends a lease early, and never makes it longer.
+    wall clock: a clock that went back counts as no time at all, so that a lease starts again at most; one that jumped forward ends
+    a lease early, and never makes it longer.
     """
     now, saved_at = draft.now, _utc(saved.saved_at)
     gone_s = max(0.0, (_utc(draft.moment.clock) - saved_at).total_seconds())
@@ -265,13 +265,16 @@ def _why_not_restored(draft: Draft, session: Session) -> tuple[EndReason, str] |
 
 
 def _with_time_to_clear(session: Session, draft: Draft) -> Session:
-    """Let the lease last for `clear_s` at least: the robot may have been invited until the restart, by a renewal that was not saved."""
+    """Let the lease last for `clear_s` at least.
+
+    The robot may have been invited until the restart, by a renewal that was not saved.
+    """
     missing_s = draft.now + session.policy.clear_s - lease_ends_at(session, draft.config)
     return session if missing_s <= 0 else replace(session, lease_from=session.lease_from + missing_s)
 
 
 def _restore_outputs(draft: Draft, session: Session, saved: SavedSession, floor: str) -> None:
-    """Keep on what is found on: the call, the word that a robot is in place, and the hold of the doors."""
+    """Keep on what is found on: the call, the report that a robot is in place, and the hold of the doors."""
     config, now = draft.config, draft.now
     draft.change(call=call_after_restart(floor, now, pressed=saved.pressed))
     handshake.restore_session(draft, saved, floor)
@@ -286,7 +289,7 @@ def _restore_outputs(draft: Draft, session: Session, saved: SavedSession, floor:
 
 
 def _keep_robot_mode(draft: Draft, *, had_session: bool) -> None:
-    """Keep robot mode of before this start for as long as a car may be under way, where its session does not go on."""
+    """Keep robot mode from before this start for as long as a car may be under way, if its session does not continue."""
     config, durable = draft.config, draft.record.durable
     longest_s, until = config.capabilities.arrive_within_s, durable.robot_mode_until
     if not config.has(ROBOT_MODE) or not config.control or durable.fire_since is not None:
@@ -301,7 +304,7 @@ def _keep_robot_mode(draft: Draft, *, had_session: bool) -> None:
 
 
 def _end_unrestored(draft: Draft, session: Session, reason: EndReason, text: str) -> None:
-    """Remember a session from before this start that is over: its holder may ask what became of it."""
+    """Remember a session from before this start that is over: its holder may ask for its outcome."""
     advice = advice_now(draft)
     info = history.session_info(draft.config, draft.record, session, draft.moment)
     over = SessionOver(reason, text, None if reason in BY_HOLDER else advice, draft.moment.clock)

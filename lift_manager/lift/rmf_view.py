@@ -1,4 +1,4 @@
-"""What a site says about Open-RMF, and a lift as RMF's adapter is told of it. Values."""
+"""What a site file sets for Open-RMF, and a lift as RMF's adapter sees it. Values."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from lift_manager.lift.state import LiftState, Quality, Restrictions
 from lift_manager.plain.rmf import HeldBy, LiftView
 
 FACE = "rmf"
-"""Of every holder that RMF has: its name there is RMF's session id."""
+"""The face of every holder that RMF has: its name there is RMF's session id."""
 
 _OF = "@"
-"""Stands between RMF's session id and the id of its adapter, which holds none."""
+"""Separates RMF's session id from the id of its adapter, which does not contain it."""
 ADAPTER_ID = r"^[A-Za-z0-9._/-]*$"
 """What the id of an adapter is made of; empty for the only one."""
 ADAPTER_ID_LIMIT = 300
 """Chosen: a domain and a namespace of ROS, which has 255 characters at most, fit."""
 
 LONGEST_GRACE_S = 30.0
-"""Chosen: people wait for a lift that nobody uses, and a supervisor that was restarted is heard within seconds."""
+"""Chosen: people wait for a lift that nobody uses, and a supervisor that was restarted sends its first message within seconds."""
 
 
 def rmf_holder(session: str, adapter: str) -> Holder:
-    """Return who holds a lift for a session of the RMF of an adapter. Two of them may have robots of the same name."""
+    """Return the holder for a session of the RMF of an adapter. Two of them may have robots of the same name."""
     return Holder(FACE, f"{session}{_OF}{adapter}" if adapter or _OF in session else session)
 
 
@@ -36,19 +36,19 @@ def rmf_session(holder: Holder) -> tuple[str, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RmfRules:
-    """What the site says about RMF as a whole."""
+    """What the site file sets for RMF as a whole."""
 
     end_grace_s: float = 3.0
-    """How long door hold and robot mode stay after END_SESSION. Chosen: a supervisor that was restarted ends every session that it finds,
-    and the robot asks again within a second (open-rmf 1.6)."""
+    """How long door hold and robot mode stay after END_SESSION. Chosen: a supervisor that was restarted ends every session that it
+    finds, and the robot repeats its request within a second (open-rmf 1.6)."""
     fire_alarm: bool = False
-    """Tell RMF of a fire on `fire_alarm_trigger`."""
+    """Report a fire on `fire_alarm_trigger`."""
     emergency_signal: bool = False
     """And on `emergency_signal`, which kilted and later know."""
     emergency_fleets: tuple[str, ...] = ()
-    """Whom that names."""
+    """The fleets that this names."""
     clear_on_acknowledge: bool = False
-    """Tell RMF once that it is over when a person has acknowledged."""
+    """Report once that it is over when a person has acknowledged."""
 
 
 def rmf_lift(state: LiftState, config: LiftConfig) -> LiftView:

@@ -1,4 +1,4 @@
-"""Whether a robot may go through the door: the word OPEN, and until when a session's robot reads it."""
+"""Whether a robot may go through the door: the state OPEN, and until when a session's robot reads it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ takes a tenth of that."""
 def robot_door(
     config: LiftConfig, record: LiftRecord, moment: Moment, observation: Observation, *, waits: bool
 ) -> RobotDoor:
-    """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may.
+    """Return the door state; OPEN means that a robot may drive and, while a session holds the lift, that its robot may.
 
     Behind a lockout or an unacknowledged fire it invites nobody, nor a session that `waits` for something before anything is
     pressed, nor one whose door is released soon.
@@ -66,7 +66,7 @@ def _door_was_read_while_held(config: LiftConfig, record: LiftRecord, moment: Mo
     """Whether the lift was read after its door was seen to be held, and had had time to obey.
 
     A door that was read open may have begun to close by its own timer before the hold reached the lift, and goes on closing until
-    the lift obeys: "open" of that reading would let a robot drive at it.
+    the lift obeys: "open" in that reading would let a robot drive at it.
     """
     since = record.door_held_since
     return since is not None and moment.read_at > since + OBEYS_WITHIN_S and doors.door_is_held(config, record)

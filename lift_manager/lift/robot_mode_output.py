@@ -29,7 +29,7 @@ def drop_robot_mode(draft: Draft) -> None:
 
 
 def keep_after_session(draft: Draft) -> None:
-    """Keep robot mode from here on only for as long as a car may take to come to rest; drop it if it was not pressed yet."""
+    """Keep robot mode from now on only for as long as a car may take to come to rest; drop it if it was not pressed yet."""
     until = kept_after(draft.config, draft.record, draft.now)
     if until is None:
         drop_robot_mode(draft)
@@ -38,15 +38,15 @@ def keep_after_session(draft: Draft) -> None:
 
 
 def kept_after(config: LiftConfig, record: LiftRecord, over_at: float) -> float | None:
-    """Return until when robot mode would be kept at the most were its session over then; None where it would be dropped."""
+    """Return until when robot mode would be kept at most if its session were over then; None if it would be dropped."""
     was_pressed = config.has(ROBOT_MODE) and record.robot_mode.was_pressed
     return over_at + config.capabilities.arrive_within_s if was_pressed else None
 
 
 def settle(draft: Draft) -> None:
-    """Drop robot mode after a session once the car stands still and nothing is left to tell the lift.
+    """Drop robot mode after a session once the car stands still and the lift has taken every report.
 
-    A car that never stands keeps it for a bounded time. While the lift cannot be read, what it said last decides; one that was
+    A car that never stands keeps it for a bounded time. While the lift cannot be read, its last reading decides; one that was
     never read may be under way.
     """
     config, record, last = draft.config, draft.record, draft.record.observation
@@ -63,8 +63,8 @@ def settle(draft: Draft) -> None:
 
 
 def _must_report(draft: Draft) -> bool:
-    """Whether the lift is still to be told that a robot left. One that may not be told at all is not waited for."""
+    """Whether the lift has still to learn that a robot left. It is not waited for where that may not be reported at all."""
     if not draft.record.robot_left.is_pending:
         return False
-    # a lift that cannot be read may be told later
+    # it may be reported later to a lift that cannot be read
     return draft.observation is None or why_no_robot_left(draft.config, draft.record, draft.moment) is None

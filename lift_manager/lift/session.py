@@ -25,7 +25,7 @@ NO_LEASE: Mapping[str, str] = {
 NO_ROBOT_WORDS: Mapping[str, str] = {
     RMF: "a request of RMF names a floor and a door, and nothing of what the robot does (rmf_lift_msgs/LiftRequest)",
 }
-"""Faces whose callers cannot say where their robots are, and why: the end of a session is all they say."""
+"""Faces whose callers cannot report where their robots are, and why: the end of a session is all they report."""
 
 ACTS_ONCE: Mapping[str, str] = {
     RMF: "RMF sends its robot on one OPEN and does not look again: one publish period, its decision and the crossing (open-rmf 1.6)",
@@ -33,7 +33,7 @@ ACTS_ONCE: Mapping[str, str] = {
 """Faces whose robots need `rmf_clear_s` between the withdrawal of OPEN and the release of the door, and why."""
 
 SILENT_S = 30.0
-"""A holder that was silent for so long, while another one asks, is worth a person's look (DESIGN section 6)."""
+"""A holder that is silent for this long while another caller requests the lift deserves a person's attention (DESIGN section 6)."""
 
 CLEAR_AT_STOP_S = 3.0
 """`clear_s` of a manager that stops: the process has five seconds in all. A robot at 0.5 m/s drives 1.5 m in that time."""
@@ -58,7 +58,7 @@ class EndReason(StrEnum):
 
     RELEASED = "released"
     ARRIVED = "arrived"
-    """It wanted no more than to get there."""
+    """It only wanted to get there."""
     LEASE = "lease"
     NOT_GRANTED = "not_granted"
     """The lift did not grant what the call needs, such as robot mode."""
@@ -66,38 +66,38 @@ class EndReason(StrEnum):
     FIRE = "fire"
     LOCKOUT = "lockout"
     STOPPING = "stopping"
-    """The manager stops. The session goes on when it starts again, if its time is not over by then."""
+    """The manager stops. The session continues when it starts again, if its time is not over by then."""
     FORCED = "forced"
     """A person ended it."""
     TAKEN_OVER = "taken_over"
-    """Its holder was silent for as long as the site allows, and another caller asked."""
+    """Its holder was silent for as long as the site allows, and another caller requested the lift."""
     MAX_SESSION = "max_session"
     """It lasted for as long as the site allows."""
     UNCLAIMED = "unclaimed"
-    """It is from before a restart, and another caller asked first."""
+    """It is from before a restart, and another caller sent the first request."""
     NOT_RESTORED = "not_restored"
     """It is from before a restart, and the site file no longer has what it needs."""
 
 
 BY_HOLDER = frozenset({EndReason.RELEASED, EndReason.ARRIVED})
-"""The holder wanted it so, and needs no advice."""
+"""Its holder ended it, and needs no advice."""
 
 
 @unique
 class Advice(StrEnum):
-    """What a robot does best when the lift is taken from it."""
+    """The robot's best course when the lift is taken from it."""
 
     CLEAR_DOORWAY = "clear_doorway"
     """Keep out of the doorway: leave it by the nearer side, and do not enter it."""
     STAY_ABOARD = "stay_aboard"
-    """The door is shut: a robot inside stays where it is, and tells its people."""
+    """The door is shut: a robot inside stays where it is, and alerts its people."""
 
 
 def advise(doors: Mapping[Side, Door] | None, *, may_be_aboard: bool) -> Advice:
-    """Return what the robot of a session does best. `doors` is None while nobody knows them.
+    """Return the best course for the robot of the session. `doors` is None while they are unknown.
 
-    Behind a door that is not seen to be shut the doorway decides, for that is where a robot is hurt and where it keeps people
-    in. A robot that cannot be inside has nothing to do but keep out.
+    Behind a door that is not seen to be shut the doorway decides, because there a robot is hit and keeps people in. A robot that
+    cannot be inside only has to keep out.
     """
     is_shut = bool(doors) and doors is not None and all(door is Door.CLOSED for door in doors.values())
     return Advice.STAY_ABOARD if is_shut and may_be_aboard else Advice.CLEAR_DOORWAY
@@ -108,10 +108,10 @@ class SessionPolicy:
     """How the sessions of one kind of caller differ from those of another."""
 
     stays: bool
-    """It ends at its holder's request only; otherwise arrival, or letting go of the door, ends it as well."""
+    """It ends at its holder's request only; otherwise arrival, or the release of the door, ends it as well."""
     has_lease: bool
     has_robot_words: bool
-    """Its holder can say that the robot left, and so has to."""
+    """Its holder can report that the robot left, and so has to."""
     clear_s: float
     """From the withdrawal of OPEN to the release of a held door."""
 
@@ -134,7 +134,7 @@ class SessionEnd:
     text: str
     at: float
     is_announced: bool
-    """A person or the manager ends it whatever its holder wants; otherwise its holder did, and may still think again."""
+    """A person or the manager ends it whatever its holder requests; otherwise its holder did, and may still change its mind."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,15 +162,15 @@ class Session:
     shut_at: float | None = None
     """When the door was first seen shut after the hold was spent."""
     contacted_at: float | None = None
-    """When its holder last asked for anything; None while it has not since a restart of the manager."""
+    """When its holder last sent a request; None while it has not since a restart of the manager."""
     restored_at: float | None = None
-    """When it went on after a restart of the manager."""
+    """When it continued after a restart of the manager."""
     is_restored: bool = False
-    """It is from before a restart, and its holder has asked for nothing since: what is found off is not put on."""
+    """It is from before a restart, and its holder has sent no request since: what is found off is not switched on."""
     id: str = field(default="", repr=False)
     """Known to the holder alone: in no event, no log line and no row of the journal."""
     lease_s: float | None = None
-    """The lease that its holder asked for; the site's is the longest, and the one where it asked for none."""
+    """The lease that its holder requested; the site's is the longest, and the default."""
     key: str = field(default="", repr=False)
     """Idempotency key that it was opened with; empty for none."""
     key_ttl_s: float | None = None
@@ -189,21 +189,21 @@ class Session:
 
     @property
     def ended_by_holder(self) -> bool:
-        """Whether its holder has ended it and may still think again."""
+        """Whether its holder has ended it and may still change its mind."""
         return self.end is not None and not self.end.is_announced
 
     @property
     def may_begin(self) -> bool:
-        """Whether what is found off is put on for it."""
+        """Whether what is found off is switched on for it."""
         return not (self.is_restored or self.is_ending)
 
     @property
     def is_unclaimed(self) -> bool:
-        """Whether its holder has asked for nothing since a restart."""
+        """Whether its holder has sent no request since a restart."""
         return self.contacted_at is None
 
     def may_have_invited(self, now: float) -> bool:
-        """Whether its robot may be in the door: it was invited, or just before a restart, and that did not reach the disk."""
+        """Whether its robot may be in the door: it was invited, or was just before a restart, and that did not reach the disk."""
         return self.opened_at_target or self.is_just_restored(now)
 
     def is_just_restored(self, now: float) -> bool:
@@ -216,13 +216,13 @@ class Session:
         return 0.0 if since is None else now - since
 
 
-# -- what its holder asks for
+# -- what its holder requests
 
 
 def renew(session: Session, now: float) -> Session:
-    """Begin the lease again at the holder's request; one from before a restart goes on, and so does one that its holder ended.
+    """Begin the lease again at the holder's request.
 
-    One whose end was announced is renewed in vain.
+    One from before a restart continues, and so does one that its holder ended. One whose end was announced is renewed in vain.
     """
     end = session.end if session.end_is_announced else None
     return replace(session, lease_from=now, contacted_at=now, is_restored=False, end=end)
@@ -237,21 +237,21 @@ def set_target(session: Session, floor: FloorName, now: float, *, hold_door: boo
 
 
 def end_by_holder(session: Session, grace_s: float, now: float) -> Session:
-    """End a session at its holder's request in so many seconds; of two requests the earlier end counts."""
+    """End a session at its holder's request in this many seconds; of two requests the earlier end counts."""
     at = now + grace_s if session.end is None else min(session.end.at, now + grace_s)
     end = SessionEnd(EndReason.RELEASED, "released", at, is_announced=False)
     return replace(session, contacted_at=now, end=end if not session.end_is_announced else _at(session.end, at))
 
 
 def announce_end(session: Session, reason: EndReason, text: str, at: float) -> Session:
-    """End a session at `at` whatever its holder wants; until then its door is held and invites nobody."""
+    """End a session at `at` whatever its holder requests; until then its door is held and invites nobody."""
     return replace(session, end=SessionEnd(reason, text, at, is_announced=True))
 
 
 def hand_session_over(session: Session, config: LiftConfig, to: Holder, session_id: str, now: float) -> Session:
-    """Give a session to another caller. Its lease starts again; how long it may last in all does not.
+    """Hand a session to another caller. Its lease starts again; its longest time does not.
 
-    It gets an id of its own, which the holder before does not know.
+    It gets an id of its own, which the former holder does not know.
     """
     policy = policy_for(config, to, stays=session.policy.stays)
     return replace(renew(session, now), holder=to, policy=policy, id=session_id, key="", key_ttl_s=None)

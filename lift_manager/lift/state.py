@@ -1,4 +1,4 @@
-"""What every face publishes of a lift, and what it does not."""
+"""What every face publishes of a lift, and what stays unpublished."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lift_manager.lift.trust import TRIPS
 from register_maps.words import Door, Mode, Motion, Side
 
 PERMISSIONS = ("may_enter", "may_leave", "robot_mode_on", "robots_allowed", "ready")
-"""Flags of a lift that tell what a robot may do."""
+"""Flags of a lift that show what a robot may do."""
 
 
 @unique
@@ -44,18 +44,18 @@ class Quality(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Restrictions:
-    """What keeps robots off a lift, or lets them wait, beside what the lift itself tells."""
+    """What keeps robots off a lift, or makes them wait, beside the lift's own signals."""
 
     fire_latched: bool = False
     """There was a fire, and no person has acknowledged it."""
     lockout: str = ""
-    """Who locked the lift out, since when and why; empty when nobody did."""
+    """Who locked the lift out, since when and why; empty if nobody did."""
     drain: str = ""
-    """Who lets sessions end and no new one begin, since when and why; empty when nobody does."""
+    """Who drains the lift, since when and why; empty if nobody does."""
     maybe_aboard: Holder | None = None
     """Whose robot may be in the car; others are refused while it holds no session."""
     distrusted: str = ""
-    """Which of its signals contradicted each other, and what ends that; no door counts as open meanwhile. Empty where none did."""
+    """Which of its signals contradicted each other, and what ends that; no door counts as open meanwhile. Empty if none did."""
     waiting_for: str = ""
     """What the session waits for before anything is pressed; empty when it does not."""
 
@@ -70,9 +70,9 @@ class LiftState:
     reason: str
     """Why it is offline; empty while live."""
     age_s: float | None
-    """Age of the last whole reading; None when there never was one."""
+    """Age of the last whole reading; None if there never was one."""
     floor: FloorName | None
-    """The floor the car stands at or passes; None when nobody reports it. Never the destination before arrival."""
+    """The floor the car stands at or passes; None if none is reported. Never the destination before arrival."""
     standing: bool
     """By the map's evidence the car stands at `floor`."""
     destination: FloorName | None
@@ -88,11 +88,11 @@ class LiftState:
     """Safety signals this lift's interface does not show, with the reason."""
     restrictions: Restrictions = Restrictions()
     permissions: Mapping[str, bool] = field(default_factory=dict)
-    """What the lift itself tells of robots: those of `PERMISSIONS` that it has."""
+    """The permissions that the lift reports: those of `PERMISSIONS` that it has."""
     waiting: int = 0
     """How many rides and faces wait for the lift."""
     ending: bool = False
-    """The holder has ended its session and may still think again; door and robot mode stay until it is over."""
+    """The holder has ended its session and may still change its mind; door and robot mode stay until it is over."""
     releases_in_s: float | None = None
     """Seconds until the manager releases the door by itself at the earliest, as far as it knows; None while nobody holds the lift."""
     releases_at: float | None = None
@@ -105,9 +105,9 @@ class LiftSignals:
 
     lift: str
     age_s: float | None
-    """Of the last whole reading; None when there never was one."""
+    """Age of the last whole reading; None if there never was one."""
     max_age_s: float
-    """Older than this nothing of it may be acted on."""
+    """Older than this, nothing of it may be acted on."""
     signals: tuple[SignalValue, ...]
 
 
@@ -153,7 +153,7 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
 
 
 def reported_floor(config: LiftConfig, record: LiftRecord, moment: Moment) -> FloorName | None:
-    """Return the floor, unless that is where the car is still travelling to: nobody may take it for arrived."""
+    """Return the floor, unless the car is still travelling to it: that must not pass for an arrival."""
     observation, session = fresh(config, record, moment), record.session
     if observation is None or observation.is_standing:
         return None if observation is None else observation.floor
@@ -196,9 +196,10 @@ def _distrusted(config: LiftConfig, record: LiftRecord, moment: Moment) -> str:
 
 
 def _motion(observation: Observation) -> Motion:
-    """Return the motion that the lift tells. Where it tells none, a car is known to stand only by its evidence and an open door.
+    """Return the motion that the lift reports.
 
-    Behind shut doors it may have set out: its floor contact, or its level flag, stays made for a moment.
+    Where it reports none, a car is known to stand only by its evidence and an open door. Behind shut doors it may have set out:
+    its floor contact, or its level flag, stays made for a moment.
     """
     if observation.values.motion is not None:
         return observation.values.motion

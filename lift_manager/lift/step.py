@@ -1,6 +1,6 @@
 """One input, one step: the next record of a lift, what to do because of it, and the reply.
 
-The only entrance to the rules. Nothing here waits, asks anybody, or knows what time it is.
+The only entrance to the rules. Nothing here waits, requests anything, or knows what time it is.
 """
 
 from __future__ import annotations
@@ -69,26 +69,26 @@ Reply = (
 )
 
 PAST_S = 0.001
-"""So long after its longest age a reading is looked at: the difference of two times is only about what it should be."""
+"""How long after its longest age a reading is examined: the difference of two times is only approximately what it should be."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What an input comes to."""
+    """The result of an input."""
 
     record: LiftRecord
     actions: tuple[Action, ...] = ()
     """In this order. A press leaves only once everything of its step is on the disk."""
     reply: Reply | None = None
-    """None where nobody asked."""
+    """None if nobody waits for one."""
     events: tuple[Event, ...] = ()
-    """Published before the holds of this record are declared: robots hear of a fire first."""
+    """Published before the holds of this record are declared: robots learn of a fire first."""
     wake_at: float = math.inf
     """The next moment at which anything changes without another input; a `Tick` is due then."""
 
 
 def start(config: LiftConfig, durable: DurableRecord, moment: Moment) -> Step:
-    """Return the first record of a process, from what outlived the one before. To be called before the lift is read."""
+    """Return the first record of a process, from what outlived the one before. Called before the lift is read."""
     draft = Draft(config, LiftRecord(durable=durable), moment)
     restart.restore(draft)
     return _finish(draft, LiftRecord(durable=durable), None)
@@ -116,7 +116,7 @@ def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, *, rea
 
 
 def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, moment: Moment) -> LiftRecord:
-    """Return the record with what the driver knows of the outputs; nothing is done because of it."""
+    """Return the record with the driver's states of the outputs; nothing is done because of it."""
     mode = record.robot_mode
     status = outputs.get(ROBOT_MODE.name, OutputState.AT_REST)
     if mode.is_requested and not mode.was_pressed and status in (OutputState.ON, OutputState.HELD):
@@ -184,7 +184,7 @@ def _take_news(draft: Draft, happened: News) -> None:
 def _take_change(
     draft: Draft, happened: Reading | ReadFailed | OutputChanged | PressEnded | CommitFailed | Tick
 ) -> None:
-    """Take what may change what is pressed and held."""
+    """Take what may change which outputs are pressed and held."""
     match happened:
         case Reading(reading, outputs):
             _note(draft, outputs)
@@ -216,7 +216,7 @@ def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
 
 
 def _take_reading(draft: Draft, reading: LiftReading) -> None:
-    """Add a reading to what is known, and go on with it."""
+    """Add a reading to what is known, and continue with it."""
     config, before, at = draft.config, draft.record.observation, reading.at
     gap_s = at - draft.moment.read_at
     draft.moment = replace(draft.moment, read_at=at)
@@ -233,7 +233,7 @@ def _take_reading(draft: Draft, reading: LiftReading) -> None:
 
 
 def _judged(draft: Draft, observation: Observation, at: float) -> tuple[Observation, tuple[str, ...]]:
-    """Return an observation with what speaks against its open door, and what people should know of that."""
+    """Return an observation with the evidence against its open door, and what people should know of that."""
     config, record = draft.config, draft.record
     pressed = (record.call is not None and record.call.was_pressed) or doors.door_is_given(config, record)
     own = OwnCommands(
@@ -259,7 +259,7 @@ def _departed(draft: Draft, observation: Observation, at: float) -> dict[str, fl
 
 
 def _late_text(config: LiftConfig, took_s: float) -> str:
-    """Say that a controller answers, and that what it says is too old by then; empty where that is not so."""
+    """Return that a controller answers, but that its values are too old by then; empty otherwise."""
     max_age_s = config.capabilities.max_age_s
     if took_s <= max_age_s:
         return ""
@@ -288,7 +288,7 @@ def _note_door_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> L
 
 
 def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
-    """Take what became of a press."""
+    """Take the outcome of a press."""
     record, session = draft.record, draft.session
     of = next((pending.session for pending in record.presses if pending.id == press), None)
     draft.change(presses=tuple(pending for pending in record.presses if pending.id != press))
@@ -300,7 +300,7 @@ def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
         # until the driver reports otherwise
         draft.change(outputs={**draft.record.outputs, name: OutputState.ON})
     if record.call is not None and record.call.press == press:
-        # one that its holder's end came before has not failed
+        # one that was overtaken by the end of its holder's session has not failed
         kept_back = session is not None and session.is_ending and outcome.result is Result.REJECTED
         forgiving = replace(outcome, grant_missing=outcome.grant_missing or kept_back)
         draft.change(call=call_answered(record.call, forgiving, draft.now))
@@ -321,7 +321,7 @@ def _take_commit_failure(draft: Draft, reason: str) -> None:
         _take_outcome(draft, pending.id, outcome)
 
 
-# -- when to look again
+# -- when the next input is due
 
 
 def next_change(config: LiftConfig, record: LiftRecord, moment: Moment) -> float:

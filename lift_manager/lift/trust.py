@@ -2,8 +2,8 @@
 
 An inverted wire, or a table of floors that is shifted by one, reads like a lift that works. Only the car's own movement shows it:
 a car travels with its doors closed, and comes to rest where it was called to. Until one trip has proved the door signal, an open
-door is believed only where it opens after our own press. What contradicts a trip is distrusted until three trips agree or a
-person has looked.
+door is trusted only if it opens after our own press. What contradicts a trip is distrusted until three trips agree or a person has
+looked.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from register_maps.vocabulary import CALLS
 from register_maps.words import Door, Motion, Side
 
 OPEN_FOR_S = 3.0
-"""How long a door whose signal is not proven has to read open. Chosen: a door that turns round under our hold takes less."""
+"""How long a door whose signal is not proven has to read open. Chosen: a door that reverses under our hold takes less."""
 
 ENDED_AFTER_S = 30.0
-"""A car that has stood elsewhere for so long was not on its way to our call. Chosen: longer than people keep a door open in passing."""
+"""A car that has stood elsewhere for this long was not on its way to our call. Chosen: longer than people keep a door open in
+passing."""
 
 READINGS = 2
 """Readings of a travelling car that have to contradict its door: one may hold parts of different ages."""
@@ -67,7 +68,7 @@ class Trust:
     door_proven: bool = False
     """With this map every door has read closed throughout a trip."""
     distrust: tuple[Distrust, ...] = ()
-    """One of a kind at the most. Another map does not end it."""
+    """One of a kind at most. Another map does not end it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ class OwnCommands:
     pressed: bool = False
     """That call, or the hold of a door at its floor, was pressed."""
     door_believed: bool = False
-    """The door at its floor was believed to stand open for this session, with the map of today."""
+    """The door at its floor was trusted to stand open for this session, with the present map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,14 +101,14 @@ class _OpenDoor:
 
 @dataclass(frozen=True, slots=True)
 class _Trip:
-    """What became of a call that was pressed."""
+    """The outcome of a call that was pressed."""
 
     floor: FloorName
     start: FloorName | None
     """Where the car was."""
     confirmed: bool = False
     rests: tuple[FloorName, float] | None = None
-    """Where else the car stands, and since when."""
+    """The other floor where the car stands, and since when."""
     over: bool = False
 
 
@@ -150,9 +151,9 @@ class Judgement:
     track: Track
     trust: Trust
     doubt: str = ""
-    """Why a door that reads open is not believed, as something to wait for; empty where it is."""
+    """Why a door that reads open is not trusted, as something to wait for; empty while it is trusted."""
     must_close: bool = False
-    """Its door has to be read closed before it is believed."""
+    """Its door has to be read closed before it is trusted."""
     alarms: tuple[str, ...] = ()
     """What a person should know, each once."""
     pending: bool = False
@@ -184,7 +185,7 @@ def judge(
     at: float,
     clock: datetime,
 ) -> Judgement:
-    """Add a reading of the time `at`; `clock` is the time of day."""
+    """Add a reading requested at `at`; `clock` is the time of day."""
     trust = _for_this_map(trust, config.capabilities)
     if robots_forbidden(observation.values.mode):
         # inspection and rescue move the car as they like
@@ -242,7 +243,8 @@ class _TrackedReading:
     def doors(self, trust: Trust) -> tuple[dict[Side, _OpenDoor], Trust, tuple[str, ...]]:
         """Follow the doors that read open; one that did so from rest to rest, over a change of the floor, cannot be right.
 
-        Its alarm waits for the car to come to rest: an indicator that runs ahead of a car which has yet to close its door is none.
+        Its alarm waits for the car to come to rest: an indicator that runs ahead of a car which has yet to close its door is no
+        contradiction.
         """
         runs: dict[Side, _OpenDoor] = {}
         for side, door in self._observation.values.doors.items():
@@ -275,13 +277,13 @@ class _TrackedReading:
         return None, trust if trust.door_proven else replace(trust, door_proven=True), alarms
 
     def opening(self, own: OwnCommands) -> tuple[bool, float | None]:
-        """See whether the door of this floor opens after our own press."""
+        """Check whether the door of this floor opens after our own press."""
         track, floor = self._track, self._observation.floor
         if self.came:
             return self._came_shut(), None
         pressed = own.pressed and own.call is not None and floor in (None, own.call.floor)
         opened_at = track.opened_at
-        # a break in the readings takes nothing from what the door has shown before it
+        # a break in the readings does not undo what the door has shown before it
         shown = track.shut_here or (own.door_believed and track.floor is None)
         if opened_at is None and pressed and shown and self._is_open():
             opened_at = self._at
@@ -299,7 +301,7 @@ class _TrackedReading:
         return track.was_shut and (not_open or track.was_under_way)
 
     def calls(self, trust: Trust, call: Call | None) -> tuple[_Trip | None, _Miss | None, Trust, tuple[str, ...]]:
-        """Follow a call until the car rests; the same offset twice in a row is the mark of a shifted table."""
+        """Follow a call until the car rests; the same offset twice in a row is the sign of a shifted table."""
         miss, observation = self._track.miss, self._observation
         trip = self._followed(call)
         if call is None or trip is None or trip.over:
@@ -394,7 +396,7 @@ def _agreed(trust: Trust, kind: Contradiction) -> tuple[Trust, tuple[str, ...]]:
 
 
 def _again(trust: Trust, kind: Contradiction) -> Trust:
-    """Begin to count trips from nothing."""
+    """Restart the count of trips."""
     if not any(one.kind is kind and one.trips for one in trust.distrust):
         return trust
     return replace(trust, distrust=tuple(replace(one, trips=0) if one.kind is kind else one for one in trust.distrust))

@@ -31,9 +31,9 @@ class Candidate:
     config: LiftConfig
     state: LiftState
     waiting: int
-    """How many wait for it, this ride left out."""
+    """How many wait for it, not counting this ride."""
     refused: str
-    """Why it turned a ride away not long ago; empty where it did not."""
+    """Why it refused a ride recently; empty if it did not."""
 
     @property
     def lift(self) -> str:
@@ -78,7 +78,7 @@ def _begun(
 class Choices:
     """The lifts that rides may take at one moment.
 
-    What is best for one ride is best for all of the same trip: it is found once. Keep that for a pass over many rides with `go_on`.
+    The best lift is the same for all rides of one trip, so it is found once. In a pass over many rides `go_on` keeps it.
     """
 
     def __init__(self, rides: Rides, lifts: Lifts, now: float) -> None:
@@ -110,7 +110,7 @@ class Choices:
         return chosen.lift
 
     def better(self, record: RideRecord) -> str | None:
-        """Return the lift with which a ride that waits is better off; None where it stays, or may not move."""
+        """Return the lift with which a waiting ride is better off; None if it stays, or may not move."""
         request, holder = record.request, record.holder
         if not record.is_flexible:
             return None
@@ -143,7 +143,7 @@ class Choices:
     def _maybe_in_car(self, request: RideRequest) -> dict[str, str]:
         """Return the lifts in whose car the robot of a ride may be, each with the ride that left it there.
 
-        Nobody knows that of a robot without a name.
+        For a robot without a name this is unknown.
         """
         if not request.robot:
             return {}
@@ -223,7 +223,7 @@ def may_contain(state: LiftState, holder: Holder) -> bool:
 
 
 def rank(lift: Candidate, holder: Holder) -> tuple[bool, int]:
-    """Return what decides first between lifts, the smaller the better: whether it turns robots away, and how many wait."""
+    """Return what decides first between lifts, the smaller the better: whether it refuses robots, and how many wait."""
     return not takes_robots(lift, holder), lift.waiting + int(lift.state.holder not in (None, holder))
 
 
@@ -236,7 +236,7 @@ def takes_robots(lift: Candidate, holder: Holder) -> bool:
 
 
 def _distance(lift: Candidate, request: RideRequest) -> int:
-    """Return how many floors the car is away; more than any where nobody knows."""
+    """Return how many floors the car is away; more than any if that is unknown."""
     floors, at = lift.config.floors, lift.state.floor
     if at is None or at not in floors:
         return len(floors)

@@ -1,4 +1,4 @@
-"""Everything that can happen to a ride, as values; what a step asks the runtime to do; and what it makes known."""
+"""Everything that can happen to a ride, as values; what a step asks the runtime to do; and what it publishes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lift_manager.rides.ride import Phase, Ride, RideWord
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Time has passed, or there is news of the lift: go on with what is seen now."""
+    """Time has passed, or there is news of the lift: continue with the present observation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +30,12 @@ class RobotReport:
 
 @dataclass(frozen=True, slots=True)
 class BeginAgain:
-    """The caller repeats the request of the ride with its idempotency key: its robot goes on with it."""
+    """The caller repeats the request of the ride with its idempotency key: its robot continues the ride."""
 
 
 @dataclass(frozen=True, slots=True)
 class CancelRide:
-    """The caller or an operator ends the ride. A robot that may be inside is let out first; twice is once."""
+    """The caller or an operator cancels the ride. A robot that may be inside is let out first; a repetition changes nothing."""
 
     reason: str
     by_operator: bool
@@ -43,7 +43,7 @@ class CancelRide:
 
 @dataclass(frozen=True, slots=True)
 class LiftReply:
-    """What an action of the ride came to, at once."""
+    """The immediate reply to an action of the ride."""
 
     request: RideRequestToLift
     reply: SessionBegun | SessionInfo | CommandStatus | Accepted | Refused
@@ -56,7 +56,7 @@ class FoundOutside:
 
 @dataclass(frozen=True, slots=True)
 class TakeLift:
-    """The ride waits for another lift from now on. What is seen is already that of the new one."""
+    """The ride waits for another lift from now on. The observation is already that of the new one."""
 
     lift: str
 
@@ -95,7 +95,7 @@ class QueueChange:
     input: lift_inputs.JoinQueue | lift_inputs.LeaveQueue
 
 
-# -- what a step makes known
+# -- what a step publishes
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ Event = RideChanged | Alarm
 
 
 def row_of(event: RideChanged) -> Row | None:
-    """Return the row of a ride that begins, goes on to another phase, or ends; what its robot is told meanwhile has none."""
+    """Return the row of a ride that begins, enters another phase, or ends; a change of its guidance alone has none."""
     ride = event.ride
     if ride.phase is event.before:
         return None

@@ -40,7 +40,7 @@ class RideInDoubt:
     ride: str
     lift: str
     since: float
-    """When that ride gave up; infinite for one that goes on."""
+    """When that ride gave up; infinity while it lasts."""
 
     @property
     def goes_on(self) -> bool:
@@ -56,15 +56,15 @@ class RideObservation:
     clear_s: float
     """From the withdrawal of OPEN to the release of a held door."""
     session: SessionInfo | None = None
-    """The ride's session, over or not; None where it has none."""
+    """The ride's session, over or not; None if it has none."""
     gone: str = ""
-    """Why the lift knows the ride's session no more; empty otherwise."""
+    """Why the lift no longer knows the ride's session; empty otherwise."""
     ahead: int = 0
     """How many wait in the queue before the ride."""
     busy: str = ""
-    """Which other ride has the lift, in words; empty for none."""
+    """Which other ride holds the lift, in words; empty if none does."""
     doubt: RideInDoubt | None = None
-    """What speaks against a start of the ride, unless its robot has reported since."""
+    """What forbids the ride to start, unless its robot has reported since."""
 
     @property
     def robot(self) -> Occupancy:
@@ -104,7 +104,7 @@ def may_enter(record: RideRecord, observed: RideObservation) -> bool:
 
 
 def remember_observed(record: RideRecord, observed: RideObservation, moment: Moment) -> RideRecord:
-    """Return the record with what is remembered of what is seen.
+    """Return the record with what is remembered of the observation.
 
     That is since when the lift is offline, where the car stands, and where a robot inside could exit.
     """
@@ -134,7 +134,7 @@ def _is_under_way(state: LiftState) -> bool:
 
 
 def _last_read(state: LiftState, moment: Moment) -> str:
-    """Return the time of day of the last reading; empty where there never was one."""
+    """Return the time of day of the last reading; empty if there never was one."""
     if state.age_s is None:
         return ""
     at = moment.clock - timedelta(seconds=state.age_s)
@@ -187,7 +187,7 @@ def _why_shut(state: LiftState, session: SessionInfo, floor: FloorName | None) -
 
 
 def _why_not_passable(state: LiftState, session: SessionInfo, floor: FloorName | None) -> str:
-    """Return what keeps a robot from an open door that is held for it."""
+    """Return what keeps a robot from entering or leaving through an open door that is held for it."""
     permission = "may_leave" if session.robot is Occupancy.ABOARD else "may_enter"
     if not state.permissions.get(permission, True):
         return f"the door at {floor} is open, and the lift does not give `{permission}`"
@@ -230,7 +230,7 @@ def _why_silent(record: RideRecord, now: float) -> str:
 
 
 def _why_doubted(record: RideRecord, observed: RideObservation) -> str:
-    """Return why another ride of the same holder speaks against this one: nobody but the robot knows where it is."""
+    """Return why another ride of the same holder blocks this one: only the robot knows where it is."""
     doubt = observed.doubt
     if doubt is None or record.present_at >= doubt.since:
         return ""

@@ -1,4 +1,4 @@
-"""How a ride goes on in each phase by what is seen, what it requests of its lift, and what ends it.
+"""How a ride continues in each phase: what it requests of its lift, and what ends it.
 
 Every function returns a `Progress`: the record, what to do, and what people should know.
 """
@@ -30,19 +30,20 @@ from lift_manager.rides.ride import Guidance, Phase
 from register_maps.words import Motion
 
 REPEAT_S = 5.0
-"""How often a floor is requested again while the car is not there or its door is not held: a press that came to nothing is tried
-again only when it is requested again. Chosen: twice the shortest pause of a call that failed (DESIGN section 7)."""
+"""How often a floor is requested again while the car is not there or its door is not held: a failed press is repeated only for a
+new request. Chosen: twice the shortest pause of a call that failed (DESIGN section 7)."""
 
 RENEW_S = 10.0
 """How often a lease is renewed; a shorter one is renewed in the middle. Chosen: as often as it is written down."""
 
 STANDS_S = 1.0
-"""So long the car is seen to stand at a floor before a robot is let out there. Chosen: some lifts report each floor they pass."""
+"""How long the car must be seen to stand at a floor before a robot is let out there. Chosen: some lifts report each floor they
+pass."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """A ride as it goes on, and what is to be done for it, in this order."""
+    """A ride as it continues, and what is to be done for it, in this order."""
 
     record: RideRecord
     actions: tuple[Action, ...] = ()
@@ -51,7 +52,7 @@ class Progress:
 
 
 def go_on(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress:
-    """Return how a ride goes on at this moment; one that is over stays as it is."""
+    """Return how a ride continues at this moment; one that is over stays as it is."""
     if record.is_over:
         return Progress(record)
     noted = replace(record, maybe_aboard=True) if observed.may_have_boarded else record
@@ -63,7 +64,7 @@ def go_on(record: RideRecord, observed: RideObservation, moment: Moment) -> Prog
 
 
 def enter_phase(record: RideRecord, phase: Phase, moment: Moment) -> RideRecord:
-    """Return the ride in a phase, which begins now unless it is in it already."""
+    """Return the ride in a phase, which begins now unless the ride is in it already."""
     return record if phase is record.phase else replace(record, phase=phase, phase_since=moment.now)
 
 
@@ -73,7 +74,7 @@ def enter_phase(record: RideRecord, phase: Phase, moment: Moment) -> RideRecord:
 def give_up(
     record: RideRecord, observed: RideObservation, moment: Moment, why: str, advice: Advice | None = None
 ) -> RideRecord:
-    """End a ride that cannot go on."""
+    """End a ride that cannot continue."""
     if advice is None and record.maybe_aboard:
         advice = advise(observed.state.doors if is_live(observed.state) else None, may_be_aboard=True)
     ended = enter_phase(record, Phase.GAVE_UP, moment)
@@ -91,7 +92,7 @@ def end_outside(
 
 
 def begin_clearing(record: RideRecord, clearing: Clearing, observed: RideObservation, moment: Moment) -> Progress:
-    """Begin to let a robot out that may be inside."""
+    """Start to let out a robot that may be inside."""
     record = replace(enter_phase(record, Phase.CLEARING, moment), clearing=clearing, maybe_aboard=True)
     return _clear(record, observed, moment)
 
@@ -104,7 +105,7 @@ def clearing_text(record: RideRecord) -> str:
 
 
 def _without_session(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress | None:
-    """Return the end of a ride whose session somebody else ended; None where it has none yet, or has it still."""
+    """Return the end of a ride whose session was ended by somebody else; None if it has no session yet, or still has it."""
     if not record.session:
         return None
     if observed.gone:
@@ -270,7 +271,7 @@ def _late_ride(record: RideRecord, observed: RideObservation, moment: Moment) ->
 
 
 def _why_late(record: RideRecord, observed: RideObservation, floor: FloorName) -> str:
-    """Return what was waited for; a ride whose time ran out while the manager was not running has no reason of its own."""
+    """Return what was waited for; empty for a ride whose time ran out while the manager was not running."""
     return record.reason or why_not_open(record, observed, floor) or f"the door at {floor} was about to open"
 
 

@@ -12,13 +12,13 @@ from lift_manager.lift.session import Advice, Holder
 from lift_manager.rides.ride import OVER, Guidance, Phase, Ride, RideRequest
 
 RESTORED_FOR_S = 30.0
-"""So long after a restart a queued ride keeps its place although its robot has not reported. Chosen: a robot that still waits asks every
-few seconds, and those behind it wait for nothing."""
+"""How long after a restart a queued ride keeps its place although its robot has not reported. Chosen: a robot that still waits
+sends a request every few seconds, and those behind it would wait in vain."""
 
 
 @dataclass(frozen=True, slots=True)
 class Clearing:
-    """Why a robot that may be inside is being let out, and what the ride is afterwards."""
+    """Why a robot that may be inside is being let out, and how the ride ends afterwards."""
 
     ending: Phase
     """`cancelled` or `gave_up`."""
@@ -57,21 +57,21 @@ class RideRecord:
     silent_since: float | None = None
     """Since a restart its robot has not reported, and nothing is requested for it."""
     present_at: float = -math.inf
-    """When a robot that has a name began the ride, or any reported `here`: it knew then what had become of its rides before."""
+    """When a robot that has a name began the ride, or any robot reported `here`: it knew then how its earlier rides had ended."""
     requested_at: float = -math.inf
-    """When something was last requested of the lift."""
+    """When a floor was last requested of the lift."""
     failure: str = ""
-    """Why the newest request came to nothing; empty where it did not."""
+    """Why the newest request failed; empty if it did not."""
     ended_at: float | None = None
 
     @property
     def is_over(self) -> bool:
-        """Whether it goes on no more."""
+        """Whether it is over."""
         return self.phase in OVER
 
     @property
     def has_session(self) -> bool:
-        """Whether it goes on and is no longer queued."""
+        """Whether it is under way and no longer queued."""
         return bool(self.session) and not self.is_over
 
     @property
@@ -81,7 +81,7 @@ class RideRecord:
 
     @property
     def holder(self) -> Holder:
-        """Who holds the lift for it."""
+        """The holder of the lift for this ride."""
         return self.request.holder
 
     @property
@@ -128,7 +128,7 @@ def published(record: RideRecord, now: float) -> Ride:
 
 
 def differs_in_public(one: RideRecord, other: RideRecord) -> bool:
-    """Whether everybody is told of the difference between two records of a ride."""
+    """Whether the difference between two records of a ride is published."""
     return _public(one) != _public(other)
 
 

@@ -47,7 +47,7 @@ class Guidance(StrEnum):
     """Stay inside."""
     LEAVE = "leave"
     GAVE_UP = "gave_up"
-    """Nothing more is done for this ride; the reason names the cause, and the advice what is best."""
+    """Nothing more is done for this ride; the reason names the cause, and the advice the robot's best course."""
     DONE = "done"
 
 
@@ -58,10 +58,10 @@ class RideWord(StrEnum):
     ENTERED = "entered"
     """It is inside, and the door may close behind it."""
     LEFT = "left"
-    """It is outside, clear of the door. Also taken once the ride is over: it clears the car."""
+    """It is outside, clear of the door. Also accepted once the ride is over: it clears the car."""
     HERE = "here"
-    """It goes on with the ride: needed after a restart of the manager, when nothing is pressed before the robot reports, and where the
-    robot may be in a car since an earlier ride gave up, for one begun before that or without a name; harmless otherwise."""
+    """It continues the ride: needed after a restart of the manager, when nothing is pressed before the robot reports, and where
+    the robot may be in a car since an earlier ride gave up, for one begun before that or without a name; harmless otherwise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,14 +83,14 @@ class RideRequest:
     lifts: tuple[str, ...]
     """The lifts to choose among: one, or all that the caller may command."""
     any_lift: bool
-    """The caller left the choice to the manager."""
+    """The caller lets the manager choose."""
     start: FloorName
     destination: FloorName
     door: Side | None = None
     """By which door the robot boards; only lifts with this door at `start` are chosen."""
     robot: str = ""
-    """Distinguishes the robots of one caller; empty where the caller has one robot only: without names none of its rides starts
-    while the robot of another may be in a car."""
+    """Distinguishes the robots of one caller; empty if the caller has one robot only: without names none of its rides starts while
+    the robot of another may be in a car."""
     caller: Holder
     """Face `ride`; its name distinguishes callers."""
     key: str = ""
@@ -99,7 +99,7 @@ class RideRequest:
 
     @property
     def holder(self) -> Holder:
-        """Who holds the lift. Two robots of one caller are two holders: one may be in the car while the other waits."""
+        """The holder of the lift. Two robots of one caller are two holders: one may be in the car while the other waits."""
         caller, robot = self.caller.name, self.robot
         is_caller = not robot or robot == caller or caller.endswith(f"/{robot}")
         return Holder("ride", caller if is_caller else f"{caller}/{robot}")
@@ -121,9 +121,9 @@ class Ride:
     phase: Phase
     guidance: Guidance
     reason: str
-    """What it waits for, why the guidance is not what one would expect, or why it was given up; empty otherwise."""
+    """What it waits for, why the guidance is not the expected one, or why it was given up; empty otherwise."""
     advice: Advice | None
-    """With `gave_up`: what the robot does best; None where it needs none."""
+    """With `gave_up`: the robot's best course; None if it needs none."""
     ahead: int | None
     """How many wait before it; None once it is no longer queued."""
     phase_ends_in_s: float | None
@@ -141,12 +141,12 @@ class RideBegun:
 
     ride: Ride
     is_new: bool
-    """False where the idempotency key gave one that was there already."""
+    """False where the idempotency key gave an existing one."""
 
 
 @dataclass(frozen=True, slots=True)
 class RidePlan:
-    """What a ride would come to, without beginning it."""
+    """The forecast of a ride, without beginning it."""
 
     lift: str
     ahead: int

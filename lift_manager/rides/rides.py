@@ -1,4 +1,4 @@
-"""All rides of a site as one value: those that go on and those that ended not long ago, their places in queues, and whose turn it is."""
+"""All rides of a site as one value: those under way and those that ended recently, their places in queues, and whose turn it is."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from lift_manager.rides.ride import Phase, RideRequest
 from lift_manager.rides.step import Step
 
 MOST = 200
-"""Rides that go on at once. Chosen: two for every lift of a building of a hundred."""
+"""Most rides under way at once. Chosen: two for every lift of a building of a hundred."""
 MOST_OF_ONE = 10
-"""Rides of one caller that go on at once. Chosen: a robot needs one, and a caller that repeats itself without an idempotency key keeps
-nobody else out."""
+"""Most rides of one caller under way at once. Chosen: a robot needs one, and a caller that repeats itself without an idempotency
+key keeps nobody else out."""
 MOST_ENDED = 100
 ENDED_FOR_S = 3600.0
 """How long a ride that is over is known, and its robot may still report that it left."""
 REFUSED_FOR_S = 30.0
-"""So long a lift that refused a ride counts as taking no robots, where a ride has others to choose."""
+"""How long a lift that refused a ride counts as taking no robots, where a ride may choose another."""
 
 Place = tuple[str, Holder]
 """The place of a holder in the queue of a lift."""
@@ -37,7 +37,7 @@ Place = tuple[str, Holder]
 
 @dataclass(frozen=True, slots=True)
 class LiftRefused:
-    """A lift turned a ride away for a reason of its own."""
+    """A lift refused a ride for a reason of its own."""
 
     at: float
     why: str
@@ -72,12 +72,12 @@ class Rides:
         return tuple(one for one in self.by_id.values() if not one.is_over)
 
     def matter(self) -> bool:
-        """Whether a lift has to be watched: a ride goes on, or its robot may be in a car."""
+        """Whether a lift has to be watched: a ride is under way, or its robot may be in a car."""
         return any(not one.is_over or one.maybe_aboard for one in self.by_id.values())
 
 
 def put(rides: Rides, record: RideRecord) -> Rides:
-    """Return the rides with a ride as it is now."""
+    """Return the rides with this one in its present state."""
     before = rides.by_id.get(record.id)
     by_lift = dict(rides.by_lift)
     if before is not None and before.lift != record.lift:
@@ -87,7 +87,7 @@ def put(rides: Rides, record: RideRecord) -> Rides:
 
 
 def take(rides: Rides, done: Step, lifts: Lifts, moment: Moment) -> tuple[Rides, tuple[QueueChange, ...]]:
-    """Return the rides after a step of one of them, and what that changes in queues."""
+    """Return the rides after a step of one of them, and the changes of queues that follow."""
     rides = put(rides, done.record)
     if done.lift_refusal:
         refused = LiftRefused(moment.now, done.lift_refusal)
@@ -123,7 +123,7 @@ def _without(some: Mapping[str, RideRecord], old: Iterable[str]) -> dict[str, Ri
     return {key: one for key, one in some.items() if key not in gone}
 
 
-# -- who may begin a ride, or speak for one
+# -- who may begin a ride, or report for one
 
 
 def repeated(rides: Rides, request: RideRequest) -> RideRecord | Refused | None:
@@ -137,7 +137,7 @@ def repeated(rides: Rides, request: RideRequest) -> RideRecord | Refused | None:
 
 
 def too_many(rides: Rides, caller: Holder) -> Refused | None:
-    """Refuse to begin another ride of a caller, where it or all together have as many as may go on."""
+    """Refuse another ride of a caller if it, or all callers together, have as many under way as allowed."""
     going_on = rides.going_on()
     own = [one.id for one in going_on if one.request.caller == caller]
     if len(own) >= MOST_OF_ONE:
@@ -153,7 +153,7 @@ def too_many(rides: Rides, caller: Holder) -> Refused | None:
 
 
 def find(rides: Rides, ride: str, caller: Holder | None) -> RideRecord | Refused:
-    """Return a ride for whom may speak for it; `caller` None is an operator."""
+    """Return a ride to a caller that may report for it; `caller` None is an operator."""
     record = rides.by_id.get(ride)
     if record is None:
         text = f"no ride {ride!r} goes on here, and none ended within the last hour"
@@ -192,7 +192,7 @@ def _key_reused(record: RideRecord, request: RideRequest) -> Refused | None:
 def observe(
     rides: Rides, lifts: Lifts, record: RideRecord, session: SessionInfo | Refused | None, moment: Moment
 ) -> RideObservation:
-    """Return what a ride sees of its lift now. `session` is what the lift replies about the ride's session; None where it has none."""
+    """Return what a ride sees of its lift now. `session` is the lift's reply about the ride's session; None if it has none."""
     lift = lifts[record.lift]
     has_session, is_queued = record.has_session, record.phase is Phase.QUEUED
     return RideObservation(
@@ -241,7 +241,7 @@ def _doubt(rides: Rides, lifts: Lifts, record: RideRecord) -> RideInDoubt | None
 
 
 def _speaks_against(other: RideRecord, record: RideRecord, lifts: Lifts) -> bool:
-    """Whether another ride speaks against one: a robot with a name is known to be that of its own ride that goes on."""
+    """Whether another ride blocks this one: a robot with a name is known to be that of its own ride under way."""
     if not other.is_over:
         return not record.request.robot
     return lifts[other.lift].state.restrictions.maybe_aboard == record.holder
@@ -251,10 +251,10 @@ def _speaks_against(other: RideRecord, record: RideRecord, lifts: Lifts) -> bool
 
 
 def place(rides: Rides, record: RideRecord, lifts: Lifts, now: float) -> tuple[Rides, tuple[QueueChange, ...]]:
-    """Let a ride have a place in the queue of its lift for as long as it waits, and in no other.
+    """Give a ride a place in the queue of its lift for as long as it waits, and in no other.
 
-    The rides of one holder have one place. Once one of them has left it the others wait at the end of the queue, so that one caller
-    with many rides does not keep everybody else waiting.
+    The rides of one holder have one place. Once one of them has left it the others wait at the end of the queue, so that one
+    caller with many rides does not keep everybody else waiting.
     """
     requested = (record.lift, record.holder) if waits_in_queue(record, now) else None
     present, changes = rides.places.get(record.id), list[QueueChange]()
@@ -281,7 +281,7 @@ def rides_at(rides: Rides, requested: Place) -> tuple[str, ...]:
 
 
 def freed(rides: Rides, lifts: Lifts, names: Iterable[str]) -> tuple[Rides, frozenset[str]]:
-    """Return those of these lifts that somebody held when they were last looked at, and nobody holds any more."""
+    """Return those of these lifts that had a holder when they were last examined, and have none any more."""
     names = frozenset(names)
     held = frozenset(name for name in names if lifts[name].state.holder is not None)
     return replace(rides, held=(rides.held - names) | held), (rides.held & names) - held

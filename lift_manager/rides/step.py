@@ -1,6 +1,6 @@
-"""One input, one step: the next record of a ride, what to do because of it, and what to make known.
+"""One input, one step: the next record of a ride, what to do because of it, and what to publish.
 
-The only entrance to the rules of a ride that goes on. Nothing here waits, asks anybody, or knows what time it is.
+The only entrance to the rules of a ride under way. Nothing here waits, requests anything by itself, or knows what time it is.
 """
 
 from __future__ import annotations
@@ -47,29 +47,30 @@ from lift_manager.rides.record import Clearing, RideRecord, differs_in_public, d
 from lift_manager.rides.ride import Guidance, Phase, Ride, RideRequest, RideWord
 
 TICK_S = 1.0
-"""How often a ride goes on although nothing happens: limits, leases, repeats, the place in the queue, the age of what is seen."""
+"""How often a ride is stepped although nothing happens: limits, leases, repeats, its place in the queue, the age of its
+observation."""
 
 NOT_OF_THE_LIFT = frozenset({Refusal.HELD, Refusal.QUEUED, Refusal.STOPPING})
-"""Refusals that say nothing of the lift itself."""
+"""Refusals that do not concern the lift itself."""
 
 _SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What an input comes to."""
+    """The result of an input."""
 
     record: RideRecord
     actions: tuple[Action, ...] = ()
     """In this order; the first one that is refused drops the rest."""
     reply: Refused | None = None
-    """Why the input is not taken; None where it is, or nobody asked."""
+    """Why the input is not taken; None if it is, or if nobody waits for a reply."""
     events: tuple[Event, ...] = ()
     """Published before anything is done."""
     saves: tuple[str, ...] = ()
     """The lifts with which other rides outlive the manager now (`rides.saved`)."""
     lift_refusal: str = ""
-    """Why the lift turned the ride away, if that is the lift's own reason: for a while rides prefer others."""
+    """Why the lift refused the ride, if that is the lift's own reason: for a while rides prefer others."""
     wake_at: float = math.inf
     """When a `Tick` is due at the latest."""
 
@@ -83,7 +84,7 @@ def begin(request: RideRequest, lift: str, ride_id: str, moment: Moment) -> Step
         phase_since=moment.now,
         begun_at=moment.clock,
         changed_at=moment.clock,
-        # a robot that has a name knows what has become of its rides before
+        # a robot that has a name knows how its earlier rides ended
         present_at=moment.now if request.robot else -math.inf,
     )
     return _finish(None, Progress(record), moment)
@@ -93,7 +94,7 @@ def step(record: RideRecord, happened: Input, observed: RideObservation, moment:
     """Return what one input changes."""
     taken = _take(record, happened, observed, moment)
     if isinstance(taken, Refused):
-        # whatever a robot reports, it is there
+        # whatever a robot reports, it has reported
         return replace(_finish(record, Progress(replace(record, silent_since=None)), moment), reply=taken)
     return replace(_finish(record, taken, moment), lift_refusal=_lift_refusal(happened))
 
@@ -156,7 +157,7 @@ def _dated_progress(before: RideRecord, taken: Progress, moment: Moment) -> Prog
 
 
 def _dated(before: RideRecord, record: RideRecord, moment: Moment) -> RideRecord:
-    """Note the time of a change; a reason that differs in its seconds only is none."""
+    """Record the time of a change; a reason that differs in its seconds only is no change."""
     if _SECONDS.sub("", record.reason) == _SECONDS.sub("", before.reason):
         record = replace(record, reason=before.reason)
     if _words(record) != _words(before):
@@ -256,7 +257,7 @@ def _cancel(record: RideRecord, cancel: CancelRide, observed: RideObservation, m
     if record.is_over or record.phase is Phase.CLEARING:
         return Progress(record)
     if not cancel.by_operator:
-        # the caller speaks for its robot
+        # the caller reports for its robot
         record = replace(record, silent_since=None)
     why = f"withdrawn by {'an operator' if cancel.by_operator else 'its caller'}: {cancel.reason}"
     if not (record.maybe_aboard or observed.may_have_boarded):
@@ -272,7 +273,7 @@ def _cancel(record: RideRecord, cancel: CancelRide, observed: RideObservation, m
     return replace(clearing, alarm=text)
 
 
-# -- what requests came to
+# -- how requests ended
 
 
 def _take_reply(record: RideRecord, happened: LiftReply, observed: RideObservation, moment: Moment) -> Progress:
@@ -298,7 +299,10 @@ def _open(record: RideRecord, session: str, moment: Moment) -> RideRecord:
 
 
 def _take_exit(record: RideRecord, request: LiftRequest | CloseSession, observed: RideObservation) -> Progress:
-    """Go on after the lift has learnt that the robot left. One that has not seen how it got out keeps its doubt until a person has looked."""
+    """Continue after the lift has learnt that the robot left.
+
+    A ride that did not see how its robot got out keeps its doubt until a person has looked.
+    """
     state = observed.state
     if state.restrictions.maybe_aboard != record.holder:
         return Progress(record, (SettleOthers(),))
@@ -320,7 +324,7 @@ def _lift_refusal(happened: Input) -> str:
 
 
 def _note_failure(record: RideRecord, status: CommandStatus) -> RideRecord:
-    """Note that a command of the ride came to nothing after it was taken."""
+    """Record that a command of the ride failed after it was taken."""
     has_failed = status.state in (CommandState.REJECTED, CommandState.UNCONFIRMED) and status.reason != REPLACED
     if not has_failed or status.kind not in (CommandType.GO_TO, CommandType.ROBOT_IN_PLACE):
         return record

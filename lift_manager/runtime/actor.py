@@ -87,7 +87,7 @@ class LiftActor:
         self.driver = driver
         saved = recorder.recall(config.name) or SavedLift()
         self.record = LiftRecord(durable=saved.record)
-        """The newest one; only inputs change it."""
+        """The newest record; only inputs change it."""
         self.saved_rides = saved.rides
         """The rides that are saved with it."""
         self.journal = LiftJournal(config.name, driver.source, recorder)
@@ -99,7 +99,7 @@ class LiftActor:
         self._recorder = recorder
         self._clock = clock or wall_clock()
         self._read_at = -math.inf
-        """Monotonic seconds; nothing that the lift said is older than this."""
+        """Monotonic seconds; no signal of the lift is older than this."""
         self._stepped_at = _NEVER
         """When the step was that made this record."""
         self._has_begun = self._is_taking = False
@@ -111,7 +111,7 @@ class LiftActor:
         driver.attach(self)
 
     def begin(self) -> None:
-        """Go on with what an earlier process left, before the lift is read; once."""
+        """Continue with what an earlier process left, before the lift is read; once."""
         if not self._has_begun:
             self._has_begun = True
             moment = self.moment
@@ -119,19 +119,22 @@ class LiftActor:
             self._carry_out(start(self.config, self.record.durable, moment), moment)
             self.inbox.take_all()
 
-    # -- what happens
+    # -- inputs
 
     def handle(self, happened: Input) -> Reply | None:
-        """Take what was reported and then this input; return the reply to whoever made it. What it brings about comes soon. Not re-entrant."""
+        """Take what was reported and then this input; return the reply to its caller.
+
+        What follows from it happens soon. Not re-entrant.
+        """
         self.begin()
         self.inbox.take_all()
         self._take_trouble()
         if isinstance(happened, Request) and self._bus.received:
-            self.freshen()  # whoever listens hears of the state before what is decided
+            self.freshen()  # listeners get the state before the decision
         return self._take(happened)
 
     def take_reading(self, reading: LiftReading) -> None:
-        """Take a poll that was answered; one without news costs next to nothing."""
+        """Take a poll that was answered; one without news costs almost nothing."""
         now = _now()
         if not self.inbox and not is_news(self.config, self.record, reading, read_at=self._read_at, now=now):
             self._read_at = reading.at
@@ -144,7 +147,7 @@ class LiftActor:
         self.handle(ReadFailed(str(error)))
 
     def report(self, item: Report) -> None:
-        """Take note of what the driver reports; the rules learn of it soon."""
+        """Record what the driver reports; the rules learn of it soon."""
         match item:
             case OutputChanged(name, output):
                 self.outputs.changed(name, output)
@@ -154,7 +157,7 @@ class LiftActor:
                 if what == "press":
                     self.outputs.written(name)
                     self.pause.end_by(_now() + self.config.poll_ridden_s)  # it is read whether the lift took it
-                saved = self.record.durable.session  # what is released at the end is still of the session that rests
+                saved = self.record.durable.session  # a release at the end still belongs to the session that is kept
                 self.journal.wrote(None if saved is None else saved.holder, item)
             case DriverFailed(reason):
                 _log.error("%s: a bug in its driver, so everything is released: %s", self.config.name, reason)
@@ -183,7 +186,7 @@ class LiftActor:
     def lasting_state(self) -> LiftState:
         """Return the same, but while the lift is live its seconds may be those of an earlier moment.
 
-        It is the same object until a step, a reading or time can have changed it: working it out costs more than a short answer.
+        It is the same object until a step, a reading or time can have changed it: computing it costs more than a short reply.
         """
         self.catch_up()
         known = self._lasting
@@ -202,7 +205,7 @@ class LiftActor:
         self._bus.publish(event, lambda event_id: self.journal.event(event, event_id))
 
     def save_rides(self, rides: tuple[SavedRide, ...]) -> None:
-        """Have these rides saved with the record from now on."""
+        """Save these rides with the record from now on."""
         self.saved_rides = rides
         self._save()
 
@@ -227,7 +230,7 @@ class LiftActor:
                 happened = Reading(reading, known)
                 self._read_at = reading.at
             case inputs.OutputChanged(then):
-                known = then  # what fell and came back since has fallen all the same
+                known = then  # an output that fell and came back in between has fallen all the same
             case GiveCommand() if not self.journal.admits(happened, moment.now, known=_knows(self.config, happened)):
                 happened = replace(happened, is_recorded=False)
         if known != record.outputs:
@@ -243,7 +246,7 @@ class LiftActor:
         return done.reply
 
     def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:
-        """Assign the record, publish, and then have declared, pressed and written down what follows from it."""
+        """Assign the record, publish, and then declare, press and write down what follows from it."""
         before, self.record, self._stepped_at = self.record, done.record, moment
         self.journal.call(before.call, done.record.call)
         for event in done.events:
@@ -263,7 +266,7 @@ class LiftActor:
         return next_change(self.config, self.record, replace(self._stepped_at, read_at=self._read_at))
 
     def _take_trouble(self) -> None:
-        """Let the rules know whether anything can be written down."""
+        """Inform the rules whether anything can be recorded."""
         trouble = self._recorder.trouble
         if trouble and not self.record.disk_trouble:
             self._take(CommitFailed(trouble))
@@ -271,7 +274,7 @@ class LiftActor:
             self._take(Committed(self.record.committed))
 
     def _publish_state(self, moment: Moment) -> None:
-        """Give a state an event of its own, if it is another one than that of the newest."""
+        """Publish a state as an event of its own, if it differs from that of the newest event."""
         now, self._published_of = state(self.config, self.record, moment), self.record
         if self._published is None or not same_but_for_time(now, self._published):
             self._published = now
@@ -290,7 +293,7 @@ def _knows(config: LiftConfig, request: Request) -> bool:
 
 
 def _is_recorded(request: Request, reply: Reply | None) -> bool:
-    """Whether a request has rows in the journal: not what an idempotency key repeats, nor what a face without sessions hands over."""
+    """Whether a request has rows in the journal: not a repetition by idempotency key, nor a hand-over by a face without sessions."""
     match reply:
         case SessionBegun(is_new=False) | Refused(code=Refusal.KEY_REUSED):
             return False
@@ -300,7 +303,7 @@ def _is_recorded(request: Request, reply: Reply | None) -> bool:
 
 
 def new_id() -> str:
-    """Return an id of a session or a command, which nobody can guess."""
+    """Return an id of a session or a command that cannot be guessed."""
     return secrets.token_urlsafe(_ID_BYTES)
 
 

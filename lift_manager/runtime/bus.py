@@ -1,4 +1,4 @@
-"""The event bus: state for whoever listens; a slow listener loses its own oldest events and is told how many."""
+"""The event bus: states and events for every listener; a slow listener loses its own oldest events and is told how many."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _BOOT_LENGTH = 8
 
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """A lift is in another state than it was published in last, by more than the passing of time."""
+    """The state of a lift differs from the one published last, by more than the passing of time."""
 
     lift: str
     state: LiftState
 
 
 Event = LiftEvent | StateChanged | RideChanged
-"""What happens to a lift, and to rides on it."""
+"""Events of a lift, and of rides on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Occurrence:
 
 
 class Subscription(Generic[Item]):
-    """What one listener has still to take."""
+    """The events that one listener has not taken yet."""
 
     def __init__(self, length: int) -> None:
         self._queue: deque[Item] = deque(maxlen=length)
@@ -90,7 +90,7 @@ class Bus(Generic[Item]):
         return bool(self._listeners or self._taps)
 
     def publish(self, item: Item, note: Callable[[str], None] | None = None) -> str:
-        """Give an event to all listeners; returns its id, which `note` gets before anybody hears of the event."""
+        """Give an event to all listeners; return its id, which `note` gets before any listener gets the event."""
         self.newest += 1
         event = f"{self.boot}-{self.newest}"
         if note is not None:
@@ -122,7 +122,7 @@ class Bus(Generic[Item]):
 
     @contextmanager
     def overhear(self, receive: Callable[[str, Item], None]) -> Iterator[None]:
-        """As `tap`, of what is published anyhow: it is no reason to work out what nobody else listens to."""
+        """As `tap`, but only for what is published anyway: it is no reason to compute states that nobody else listens to."""
         self._counters.append(receive)
         try:
             yield

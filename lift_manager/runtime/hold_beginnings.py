@@ -1,7 +1,7 @@
-"""What of the declared holds may begin: each beginning is written down first, and has a number of its own.
+"""Which declared holds may begin: each beginning is written down first, and has a number of its own.
 
-`lift.outputs` declares which holds should be on; the driver puts one on once for every number that it is given. Between the two,
-a beginning waits for the disk as a press does. Releases and renewals do not.
+`lift.outputs` declares which holds should be on; the driver switches one on once for every number that it is given. Between the
+two, a beginning waits for the disk as a press does. Releases and renewals do not.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _GIVEN = _ON | {OutputState.REQUESTED}
 
 
 class UnrecordedHold(NamedTuple):
-    """A hold that has to be written down before it is put on."""
+    """A hold that has to be written down before it is switched on."""
 
     command: Command
     again: bool
@@ -35,7 +35,7 @@ class _Waiting:
 
 
 class Holds:
-    """The holds of one lift, as its driver is to have them."""
+    """The holds of one lift, as they are declared to its driver."""
 
     def __init__(self) -> None:
         self.declared: Mapping[Command, Hold] = {}
@@ -48,7 +48,7 @@ class Holds:
         self._requested: Mapping[str, outputs.Hold] = {}
         self._waiting: dict[str, _Waiting] = {}
         self._unwritten: set[str] = set()
-        """Holds that are on the disk, and were not put on since: they need no other row."""
+        """Holds that are on the disk and were not switched on since: they need no other row."""
         self._committed = 0
 
     def update(
@@ -56,8 +56,8 @@ class Holds:
     ) -> tuple[UnrecordedHold, ...]:
         """Take what should be on; return what has to be written down before it begins.
 
-        `pressed` are the outputs whose press is not with the driver yet: what is on for the same command stays, and what is on
-        for another one is released. Nothing new may begin while nothing can be written down.
+        `pressed` are the outputs whose press is not with the driver yet: what is on for the same command stays, and what is on for
+        another one is released. Nothing new may begin while nothing can be written down.
         """
         self._requested = {command.name: hold for command, hold in requested.items()}
         for name in [name for name in (*self._waiting, *self._unwritten) if not self._begins(name)]:
@@ -91,7 +91,7 @@ class Holds:
         return tuple(beginnings)
 
     def handed_over(self, commit: int) -> None:
-        """Note under which number the beginnings that `update` returned are committed."""
+        """Record under which number the beginnings that `update` returned are committed."""
         for waiting in self._waiting.values():
             if waiting.commit is None:
                 waiting.commit = commit

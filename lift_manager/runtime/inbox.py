@@ -11,7 +11,7 @@ from lift_manager.lift.inputs import Input, Tick
 
 
 class Inbox:
-    """Hands inputs over one by one, in their order and soon. Whoever reports is in the middle of its own work."""
+    """Delivers inputs one by one, in their order and soon. The caller that reports is in the middle of its own work."""
 
     def __init__(self, take: Callable[[Input], object]) -> None:
         """`take` steps one input."""
@@ -27,7 +27,7 @@ class Inbox:
         return len(self._queue)
 
     def put(self, item: Input) -> None:
-        """Have this taken soon."""
+        """Have this input taken soon."""
         self._queue.append(item)
         if self._soon is None:
             self._soon = asyncio.get_running_loop().call_soon(self._take_soon)
@@ -38,7 +38,7 @@ class Inbox:
             self._take(self._queue.pop(0))
 
     def wake(self, at: float) -> None:
-        """Tick at this time, whatever comes or does not come before."""
+        """Tick at this time, whatever arrives before."""
         if at == self.wake_at:
             return
         self.wake_at = at
@@ -48,7 +48,7 @@ class Inbox:
             self._timer = asyncio.get_running_loop().call_at(at, self._tick)
 
     def report_bugs(self, bug: Future[None]) -> None:
-        """Have whoever awaits this raise the first bug that is met in a callback of the loop, where it would only be logged."""
+        """Have the awaiting task raise the first bug that is met in a callback of the loop, where it would only be logged."""
         self._bug = bug
 
     def _take_soon(self) -> None:

@@ -1,4 +1,4 @@
-"""What one lift has in the journal and in the log: requests, events, presses, writes, its mode and its link; and a site's start and end."""
+"""The rows and log lines of one lift: requests, events, presses, writes, its mode and its link; and a site's start and end."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ from register_maps.words import Mode
 _log = logging.getLogger(__name__)
 
 CHANGES = 10
-"""Changes of a lift's mode, and of its link, that have rows of their own, a minute. Chosen: people turn a key switch less often."""
+"""How many changes of a lift's mode, and of its link, get rows of their own, a minute. Chosen: people turn a key switch less often."""
 
 READ_WITHIN_S = 3.0
-"""So long after the start a lift may take to be read for the first time before that is news. Chosen: a connection, and what its map wants
-to see change once, take less."""
+"""How long after the start the first reading of a lift may take before its absence is news. Chosen: a connection, and the change
+that its map wants to see first, take less."""
 
 
 class LiftJournal:
-    """Writes down what happens to one lift, and logs what people look for. Never waits, and never fails."""
+    """Writes down what happens to one lift, and logs what people need. Never waits, and never fails."""
 
     def __init__(self, lift: str, source: str, recorder: Recorder) -> None:
         """`source` is where the lift is, for messages."""
@@ -67,24 +67,24 @@ class LiftJournal:
         """Why the last command was not pressed; empty if it was."""
 
     def request(self, request: Request, refused: Refused | None, now: float, *, known: bool) -> None:
-        """Note a request and its reply; `known` tells a floor that the lift has."""
+        """Record a request and its reply; `known` says whether the lift has a floor."""
         self._requests, rows = self._requests.take(audit.words_of(request), refused, now, known=known)
         self._note(rows)
 
     def admits(self, request: GiveCommand, now: float, *, known: bool) -> bool:
-        """Whether a request has a row of its own, and so is what becomes of it."""
+        """Whether a request has a row of its own, and so has its outcome."""
         _, rows = self._requests.take(audit.words_of(request), None, now, known=known)
         return any("times" not in row.data for row in rows)
 
     def event(self, event: Event, event_id: str) -> None:
-        """Note and log an event."""
+        """Record and log an event."""
         if (row := audit.row_of(event)) is not None:
             self._recorder.note(replace(row, event=event_id))
         level, text = self._line(event)
         _log.log(level, "%s: %s", self._lift, text, extra={"event": event_id, "lift": self._lift})
 
     def found(self, durable: DurableRecord, shown: Restrictions, moment: Moment) -> None:
-        """Log what is left from before this start for people to see to."""
+        """Log what people have still to see to from before this start."""
         fire, occupied, owed = durable.fire_since, durable.occupied, durable.robot_left_pending_since
         texts = (
             f"a fire at {clock_text(fire, moment)} that nobody has acknowledged" if fire is not None else "",
@@ -98,7 +98,7 @@ class LiftJournal:
             _log.warning("%s: from before this start: %s", self._lift, left, extra={"lift": self._lift})
 
     def call(self, before: Call | None, after: Call | None) -> None:
-        """Log that the car has come for a call, or that the lift shows that it will not; a press that failed has its own line."""
+        """Log that the car has come for a call, or that the lift shows that it will not; a failed press has its own line."""
         if before is None or after is None or (before.floor, before.outcome) != (after.floor, after.outcome):
             return
         if after.phase is not before.phase and after.phase in (CallPhase.ARRIVED, CallPhase.FAILED):
@@ -108,31 +108,31 @@ class LiftJournal:
     def press(
         self, holder: Holder | None, command: Command, frames: tuple[str, ...], now: float, *, again: bool = False
     ) -> Row:
-        """Return the row of a press; what its holder requested and was only counted is noted before it."""
+        """Return the row of a press; its holder's requests that were only counted are written before it."""
         if holder is not None:
             self._requests, rows = self._requests.report(holder, now)
             self._note(rows)
         return audit.press_row(self._lift, holder, command, frames, again=again)
 
     def wrote(self, holder: Holder | None, written: Written) -> None:
-        """Note what reached the wire, or may have."""
+        """Record what reached the wire, or may have."""
         self._recorder.note(audit.write_row(self._lift, holder, written))
 
     def mode(self, mode: Mode, now: float) -> None:
-        """Note the mode if it has changed."""
+        """Record the mode if it has changed."""
         if mode is not self._mode:
             before, self._mode = self._mode, mode
             self._note(self._modes.rows(audit.mode_row(self._lift, mode, before), mode, now))
 
     def link(self, fault: str, now: float, *, answers: bool = False) -> None:
-        """Note and log that the lift is read, or why not, when that has changed.
+        """Record and log that the lift is read, or why not, when that has changed.
 
-        With `answers` the controller is there and what it says cannot be used: another such reason is logged, too.
+        With `answers` the controller is there and its values cannot be used: another reason of that kind is logged too.
         """
         self._note(self._link.observed(fault, now, answers=answers))
 
     def report(self, now: float, *, end: bool = False) -> None:
-        """Note what was only counted for long enough, or at the end all of it."""
+        """Write the rows of what was counted for long enough, or of everything at the end."""
         self._requests, rows = self._requests.report_due(now, end=end)
         self._note((*rows, *self._modes.due(now, end=end), *self._link.due(now, end=end)))
         self._link.remind(now)
@@ -171,7 +171,7 @@ class LiftJournal:
     def _outcome_line(self, outcome: Outcome) -> tuple[int, str]:
         proof = "" if outcome.proof is Proof.NONE else f", seen by {outcome.proof}"
         rejected = outcome.reason if outcome.result is Result.REJECTED else ""
-        # a robot goes on asking, and the disk that the log is on may be the reason
+        # a robot repeats its request, and the reason may be the disk that the log is on
         level = logging.DEBUG if rejected and rejected == self._rejected else logging.INFO
         self._rejected = rejected
         why = f": {outcome.reason}" if outcome.reason else ""
@@ -204,13 +204,13 @@ class _Changes:
         return (*due, row) if self._changes.admits(word, now) else due
 
     def due(self, now: float, *, end: bool = False) -> tuple[Row, ...]:
-        """Return the row of what was counted for long enough, or at the end of all of it."""
+        """Return the row of what was counted for long enough, or of everything at the end."""
         counted = self._changes.summary(now, end=end)
         return () if counted is None else (self._summary(*counted),)
 
 
 class _Link:
-    """Whether a lift is read. A start may take a little to read it at all."""
+    """Whether a lift is read. After a start the first reading may take a little."""
 
     def __init__(self, lift: str, source: str) -> None:
         self._lift = lift

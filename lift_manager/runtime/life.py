@@ -17,7 +17,7 @@ CLEARING_LOOK_S = 0.1
 """How often to look whether a lift that the manager waits for can still be read."""
 
 SUM_UP_EVERY_S = 10.0
-"""How often to look for what was counted for a minute and not written down."""
+"""How often to check for counts that were not written down for a minute."""
 
 
 class SiteLife:
@@ -34,7 +34,7 @@ class SiteLife:
         }
 
     async def run(self) -> None:
-        """Poll every lift, and go on with rides, until cancelled."""
+        """Poll every lift, and process rides, until cancelled."""
         bug: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         for actor in self._actors:
             actor.inbox.report_bugs(bug)
@@ -84,7 +84,7 @@ class SiteLife:
             self._site.refusals.report(end=True)
 
     async def _sum_up(self) -> None:
-        """Write down what was counted, though nobody asks anything more."""
+        """Write the rows of what was counted, even if no more requests come."""
         while True:
             await asyncio.sleep(SUM_UP_EVERY_S)
             self._site.refusals.report()

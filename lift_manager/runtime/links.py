@@ -1,4 +1,4 @@
-"""What faces know of the links to the controllers: figures for whoever measures, and frames for tools."""
+"""The links to the controllers as faces see them: figures for metrics, and frames for tools."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Protocol
 
 @dataclass(frozen=True, slots=True)
 class Durations:
-    """How often something took how long, since the process began."""
+    """A histogram of durations since the process began."""
 
     bounds_s: tuple[float, ...]
     """Longest duration of each range but the last, which has no end."""

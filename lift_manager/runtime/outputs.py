@@ -40,7 +40,7 @@ class LiftOutputs:
     def __init__(
         self, config: LiftConfig, driver: LiftDriver, recorder: Recorder, journal: LiftJournal, inbox: Inbox
     ) -> None:
-        """What the store answers, and what becomes of a press, goes to the inbox."""
+        """Answers of the store, and outcomes of presses, go to the inbox."""
         self._config = config
         self._driver = driver
         self._recorder = recorder
@@ -58,10 +58,10 @@ class LiftOutputs:
         """The state of every output as the rules know it."""
         return self._holds.shown(self._waiting_names)
 
-    # -- what a step comes to
+    # -- what a step leads to
 
     def carry_out(self, record: LiftRecord, actions: Iterable[Action], moment: Moment, *, not_recorded: bool) -> None:
-        """Send what is committed, declare what should be on, and have written down what waits for that.
+        """Send what is committed, declare what should be on, and write down what waits for that.
 
         After a commit that was `not_recorded` the rules have ended its presses already.
         """
@@ -71,7 +71,7 @@ class LiftOutputs:
                 self._sent[press.id] = press.command
                 self._driver.press(press.id, press.command, press.leave_by)
                 del self._waiting[press.id]  # only now: that the driver has it is no news, since it counts as requested
-        # what falls by its own time, because the lift is not read, begins again only once it is renewed
+        # what is released by its own time, because the lift is not read, begins again only once it is renewed
         requested = {one: hold for one, hold in outputs(self._config, record).items() if hold.until > moment.now}
         before = self._holds.declared
         beginnings = self._holds.update(requested, self._waiting_names, may_begin=not record.disk_trouble)
@@ -91,18 +91,18 @@ class LiftOutputs:
     # -- what the driver reports
 
     def changed(self, name: str, state: OutputState) -> None:
-        """Note the state of an output, as an input if it is another one for the rules."""
+        """Record the state of an output, and pass it on as an input if it differs for the rules."""
         before = self.shown
         self._holds.states[name] = state
         if (after := self.shown) != before:
             self._inbox.put(OutputChanged(after))
 
     def written(self, name: str) -> None:
-        """Note that an output was put on."""
+        """Record that an output was switched on."""
         self._holds.put_on(name)
 
     def ended(self, outcome: Outcome) -> None:
-        """Note what became of a press."""
+        """Record the outcome of a press."""
         if outcome.press in self._sent:
             del self._sent[outcome.press]
             self._inbox.put(PressEnded(outcome.press, outcome))
@@ -132,7 +132,7 @@ class LiftOutputs:
         return [press for press in presses if press.id in self._waiting]
 
     def _has_ended_by_itself(self, press: PressId) -> bool:
-        """Whether nothing of a press is left to be released: it is a pulse, and only its outcome is still to come."""
+        """Whether no part of a press is left to be released: it is a pulse, and only its outcome is still to come."""
         command = self._sent.get(press)
         return command is not None and self._holds.states.get(command.name) is OutputState.AT_REST
 

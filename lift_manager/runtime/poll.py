@@ -32,7 +32,7 @@ class LiftPoll:
         """The slowest recent poll, decaying; the wait for other lifts on its line, and for our own loop, counts too."""
 
     async def run(self) -> None:
-        """Go on with the session of before this start, and poll the lift until cancelled."""
+        """Continue with the session from before this start, and poll the lift until cancelled."""
         self._actor.begin()
         loop, actor, pause = asyncio.get_running_loop(), self._actor, self._actor.pause
         await asyncio.sleep(self._first_poll_s)

@@ -1,7 +1,7 @@
-"""Which lifts are still being polled: what decides whether the manager is alive. Pure.
+"""Which lifts are still being polled: this decides whether the manager is alive. Pure.
 
-A poll that fails is progress: a controller that is dead is the lift's bad weather, and no start of ours would heal it. A poll that
-never ends is not: then our own loop hangs.
+A failed poll is progress: a dead controller is a problem of its own lift, and a restart of the manager would not solve it. A poll
+that never ends is not: then our own loop hangs.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 COMMANDS_AHEAD = 3
-"""So many commands may go before a read that waits (the command lane of a link)."""
+"""How many commands may go before a waiting read (the command lane of a link)."""
 
 
 class Progress:
@@ -22,7 +22,7 @@ class Progress:
         self._advanced_at = dict.fromkeys(patience_s, now)
 
     def stuck(self, polls: Mapping[str, int], now: float) -> tuple[str, ...]:
-        """Look at how many polls of each lift have ended; return the lifts whose number stood still for too long."""
+        """Compare how many polls of each lift have ended; return the lifts whose number stood still for too long."""
         for lift, count in polls.items():
             if count != self._polls[lift]:
                 self._polls[lift], self._advanced_at[lift] = count, now
@@ -32,8 +32,8 @@ class Progress:
 def patience_s(*, poll_s: float, addresses: int, lifts: int, answer_s: float, gap_s: float) -> float:
     """How long one lift may take from the end of one poll to the end of the next, whatever its controller does.
 
-    A poll asks for at most `addresses` blocks, or once for every address by itself where the device refuses a block. Each request
-    waits behind one of every other of the `lifts` on the same link and behind a few commands, and each of those takes `answer_s` at
-    most, with `gap_s` after it. The first that takes longer ends the poll.
+    A poll makes at most `addresses` requests, or once one for every address by itself where the device refuses a block. Each
+    request waits behind one of every other of the `lifts` on the same link and behind a few commands, and each of those takes
+    `answer_s` at most, with `gap_s` after it. The first that takes longer ends the poll.
     """
     return poll_s + addresses * (lifts + COMMANDS_AHEAD) * (answer_s + gap_s)

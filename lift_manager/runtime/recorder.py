@@ -28,7 +28,7 @@ class SavedLift:
 
     record: DurableRecord = field(default_factory=DurableRecord)
     rides: tuple[SavedRide, ...] = ()
-    """Rides on it that go on, and those of the last hour that may still be asked for; the oldest first."""
+    """Rides on it that are under way, and those of the last hour that may still be requested; the oldest first."""
 
     @property
     def keeps_robots_out(self) -> bool:
@@ -37,9 +37,9 @@ class SavedLift:
 
 
 class Recorder(Protocol):
-    """Commits records and rows in the order of the calls, many at once. Nothing here waits, so releases never wait for a disk.
+    """Commits records and rows in the order of the calls, many at once.
 
-    `store.committer.Committer` is one.
+    Nothing here waits, so releases never wait for a disk. `store.committer.Committer` is one.
     """
 
     @property
@@ -48,11 +48,11 @@ class Recorder(Protocol):
         ...
 
     def recall(self, lift: str) -> SavedLift | None:
-        """Return the newest record of a lift; None for a lift that nothing was ever kept of."""
+        """Return the newest record of a lift; None if nothing was ever stored of it."""
         ...
 
     def keep(self, lift: str, saved: SavedLift) -> None:
-        """Have this for a lift from now on, and commit it soon."""
+        """Store this for a lift from now on, and commit it soon."""
         ...
 
     def note(self, row: Row) -> None:
@@ -60,29 +60,29 @@ class Recorder(Protocol):
         ...
 
     def commit_now(self, row: Row) -> Future[str | None]:
-        """Commit this row at once, with all that was kept and noted before it.
+        """Commit this row at once, with everything stored and noted before it.
 
-        The result is None once that is on the disk, and within 2 s, whatever the disk does, why it is not. A row that was
-        refused may still be written later.
+        The result is None once that is on the disk, or, within 2 s, whatever the disk does, why it is not. A row that was refused
+        may still be written later.
         """
         ...
 
     def written(self, lift: str) -> Future[None] | None:
-        """Return what is done once everything kept of a lift so far is on the disk; None where it is already.
+        """Return a future that is done once everything stored of a lift so far is on the disk; None if it is already.
 
         It stays open for as long as nothing can be written: bound it with a timeout.
         """
         ...
 
     async def run(self, report: Callable[[str], None]) -> None:
-        """Write until cancelled; what cannot be written is tried again.
+        """Write until cancelled; a failed write is retried.
 
         `report` gets why nothing can be written, once, and an empty text once that is over.
         """
         ...
 
     async def settled(self) -> None:
-        """Return once everything noted and kept so far is on the disk; bound it with a timeout."""
+        """Return once everything noted and stored so far is on the disk; bound it with a timeout."""
         ...
 
 
@@ -95,7 +95,7 @@ class MemoryRecorder:
         self._newest = newest
         self.rows: list[Row] = []
         self.trouble = ""
-        """May be set, as if a disk took nothing more."""
+        """May be set, as if the disk took nothing any more."""
 
     def recall(self, lift: str) -> SavedLift | None:
         """Return what was kept last."""

@@ -1,4 +1,4 @@
-"""Writes down what concerns no lift, refusals and logins: a few a minute one by one, and the rest counted. Counts every refusal."""
+"""Writes down refusals and logins that concern no lift: a few a minute one by one, the rest counted. Counts every refusal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from lift_manager.lift.refusals import Refused
 from lift_manager.runtime.errors import raised
 
 REFUSALS = 10
-"""Refusals of one caller, and logins of one key, that have rows of their own, a minute. Chosen: as many as the log has lines for them."""
+"""How many refusals of one caller, and logins of one key, get rows of their own, a minute. Chosen: as many as the log has lines
+for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class FaceRefusal:
 
     code: str
     text: str
-    """Why, in words of ours: nothing that a caller sent, and no secret."""
+    """Why, in our own words: nothing that a caller sent, and no secret."""
     lift: str = ""
     """As the caller named it, if it did."""
     caller: str = ""
@@ -32,7 +33,7 @@ class FaceRefusal:
 
 
 class Rows(Protocol):
-    """What rows are written to."""
+    """The recorder of rows."""
 
     def note(self, row: Row) -> None:
         """Write this down soon."""
@@ -47,7 +48,7 @@ class RefusalLog:
         self._limiters: OrderedDict[tuple[RowKind, str], RowRateLimiter] = OrderedDict()
         """By caller. Those without a key are one, and so are people: they sign with any name."""
         self.counts: Counter[tuple[str, str]] = Counter()
-        """Every refusal, written down or not, by lift and code; the lift is empty where none of the site was named."""
+        """Every refusal, written down or not, by lift and code; the lift is empty if none of the site was named."""
         self.on_raised: list[Callable[[str, Refused], None]] = []
         """Called with every refusal that is raised, and the same lift."""
 
@@ -63,7 +64,7 @@ class RefusalLog:
         self.counts[lift, str(code)] += 1
 
     def turned_away(self, who: FaceRefusal) -> None:
-        """Note a request that reached no lift."""
+        """Record a request that reached no lift."""
         text = f"refused: {who.text}" + (f", from {who.address}" if who.address else "")
         data: dict[str, Json] = {"refused": who.code, "address": who.address}
         self._note(
@@ -71,20 +72,20 @@ class RefusalLog:
         )
 
     def person_refused(self, lift: str, by: str, action: str, *, code: str, message: str) -> None:
-        """Note a person's decision that was not taken; `action` is which."""
+        """Record a person's decision that was refused; `action` is which."""
         data: dict[str, Json] = {"said": action, "refused": code}
         row = Row(RowKind.PERSON, f"{action} refused: {message}", short(lift), by, data)
         self._note((RowKind.PERSON, ""), code, row)
 
     def login(self, key: str, address: str, *, ended: bool) -> None:
-        """Note that a browser logged in with a key, or out."""
+        """Record that a browser logged in with a key, or out."""
         word = "logged_out" if ended else "logged_in"
         text = f"a browser logged {'out' if ended else 'in'}" + (f", from {address}" if address else "")
         data: dict[str, Json] = {"done": word, "address": address}
         self._note((RowKind.KEY, key), word, Row(RowKind.KEY, text, "", key, data), differs=True)
 
     def report(self, *, end: bool = False) -> None:
-        """Write down what was counted for a minute, or at the end all of it."""
+        """Write the rows of what was counted for a minute, or of everything at the end."""
         now = asyncio.get_running_loop().time()
         for whose, limiter in self._limiters.items():
             if end or limiter.is_due(now):
@@ -105,7 +106,7 @@ class RefusalLog:
             self._rows.note(row)
 
     def _reported(self, whose: tuple[RowKind, str], limiter: RowRateLimiter, now: float) -> RowRateLimiter:
-        """Write down what was only counted; return the limiter after that."""
+        """Write the row of what was only counted; return the limiter after that."""
         answers, for_s = limiter.counts, now - limiter.counted_since
         if not answers:
             return limiter

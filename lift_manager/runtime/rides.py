@@ -1,7 +1,7 @@
 """The rides of a site: steps them, and carries out what they ask for, as a client of lifts like any other.
 
-One task goes on with all rides: on every event of a lift that has one, and once a second for what time does. What a robot reports or a
-caller requests is replied to at once. Nothing is done from within an event: its publisher is in the middle of something.
+One task processes all rides: on every event of a lift that has one, and once a second because time passes. Reports of robots and
+requests of callers are replied to at once. Nothing is done from within an event: its publisher is in the middle of a step.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ from lift_manager.runtime.refusals import RefusalLog
 _log = logging.getLogger(__name__)
 
 _STEPS_IN_A_ROW = 8
-"""Steps of one ride in a row. Each has a reason of its own, and fewer are ever needed."""
+"""Most steps of one ride in a row. Each has a reason of its own, and fewer are ever needed."""
 
 _RIDES_IN_A_ROW = 10
-"""Rides that are gone on with before others in the process have their turn. Chosen: some milliseconds."""
+"""How many rides are processed before others in the process have their turn. Chosen: some milliseconds."""
 
 _ID_BYTES = 8
 
@@ -81,17 +81,17 @@ class SiteRides:
         self._clock = clock
         self._rides = Rides()
         self._choices: Choices | None = None
-        """Of the present pass, until something changes them."""
+        """The choices of the present pass, until something changes them."""
         self._wake = asyncio.Event()
         self._news: set[str] = set()
-        """Lifts with events that were not looked at."""
+        """Lifts with events that were not processed yet."""
         self._events: list[LiftEvent] = []
         self._is_restored = False
         self.is_stopping = False
-        """No ride begins any more; those that go on are saved, and go on at the next start."""
+        """No ride begins any more; those under way are saved, and continue at the next start."""
 
     async def run(self) -> None:
-        """Go on with rides until cancelled."""
+        """Process rides until cancelled."""
         self._restore()
         self._wake.set()
         while True:
@@ -102,7 +102,7 @@ class SiteRides:
     # -- what callers request
 
     def plan(self, request: RideRequest) -> RidePlan:
-        """Return what a ride would come to now; nothing is begun, pressed or saved for it."""
+        """Return the forecast of a ride now; nothing is begun, pressed or saved for it."""
         self._forget()
         found = plan_ride(self._fresh_choices(), request, self._moment, is_stopping=self.is_stopping)
         return self._refuse(_only_lift(request), found) if isinstance(found, Refused) else found
@@ -128,7 +128,7 @@ class SiteRides:
         return RideBegun(self._published(ride), is_new=True)
 
     def ride(self, ride: str) -> Ride:
-        """Return a ride as it is now, or one that ended not long ago. Faces look for their own sake too: nothing is counted."""
+        """Return a ride as it is now, or one that ended recently. Faces also read it for their own purposes: nothing is counted."""
         self._forget()
         found = all_rides.find(self._rides, ride, None)
         if isinstance(found, Refused):
@@ -136,14 +136,14 @@ class SiteRides:
         return self._published(ride)
 
     def all(self) -> tuple[Ride, ...]:
-        """Return every ride that goes on, and those that ended not long ago; the oldest first."""
+        """Return every ride under way, and those that ended recently; the oldest first."""
         self._forget()
         return tuple(
             self._published(one.id) for one in sorted(self._rides.by_id.values(), key=lambda one: one.begun_at)
         )
 
     def report(self, ride: str, word: RideWord, caller: Holder | None) -> Ride:
-        """Take what a robot reports; `caller` None is an operator, who may speak for every robot."""
+        """Take a robot's report; `caller` None is an operator, who may report for every robot."""
         record = self._find(ride, caller)
         if word is RideWord.LEFT:
             for heir in all_rides.heirs(self._rides, record):
@@ -158,7 +158,7 @@ class SiteRides:
         return self._published(ride) if done.reply is None else self._refuse(record.lift, done.reply)
 
     def cancel(self, ride: str, caller: Holder | None, reason: str) -> Ride:
-        """End a ride: a robot that may be inside is let out first. Twice is once."""
+        """Cancel a ride: a robot that may be inside is let out first. A repetition changes nothing."""
         self._find(ride, caller)
         self._settle(ride)
         self._step(ride, CancelRide(reason, by_operator=caller is None))
@@ -168,7 +168,7 @@ class SiteRides:
     # -- passes
 
     async def _go_on_until_over(self) -> None:
-        """Go on for as long as any ride matters; otherwise no state need be worked out for anybody."""
+        """Run for as long as any ride matters; otherwise no state need be computed for anybody."""
         tick_at = _now()
         while True:
             self._wake.clear()
@@ -183,7 +183,7 @@ class SiteRides:
                     await self._wake.wait()
 
     async def _pass(self, *, is_tick: bool) -> None:
-        """Go on with the rides of lifts with news, and on a tick with all; others have their turn between them."""
+        """Process the rides of lifts with news, and on a tick all rides; others have their turn in between."""
         news, self._news = self._news, set()
         events, self._events = self._events, []
         for event in events:
@@ -208,7 +208,7 @@ class SiteRides:
         self._forget()
 
     def _on_event(self, _: str, event: Event) -> None:
-        """Note what has happened, and do nothing about it here."""
+        """Record an event, and do nothing about it here."""
         if isinstance(event, RideChanged):
             return
         if not isinstance(event, StateChanged):
@@ -219,7 +219,7 @@ class SiteRides:
     # -- one ride
 
     def _settle(self, ride: str) -> None:
-        """Go on with a ride until there is nothing to do for it."""
+        """Step a ride until there is nothing to do for it."""
         for _ in range(_STEPS_IN_A_ROW):
             record = self._rides.by_id[ride]
             if record.is_over:
@@ -231,16 +231,16 @@ class SiteRides:
                 return
             after = self._rides.by_id[ride]
             if after.is_flexible and any(_opens_session(action) for action in done.actions):
-                self._choices = None  # it was turned away
+                self._choices = None  # it was refused
                 self._choose_again(after)
 
     def _settle_maybe_aboard(self, holder: Holder) -> None:
-        """Know what has become of a holder's rides before it reports anything: its report is newer than any of that."""
+        """Settle a holder's other rides before it reports anything: its report is newer than any of them."""
         for record in self._rides.of_holder_maybe_aboard(holder):
             self._settle(record.id)
 
     def _choose_again(self, record: RideRecord) -> None:
-        """Move a ride that waits and may take any lift to another one, where it is better off there."""
+        """Move a waiting ride that may take any lift to another one, if it is better off there."""
         self._choices = (self._choices or self._fresh_choices()).go_on(self._rides, _now())
         lift = self._choices.better(record)
         if lift is not None:
@@ -248,7 +248,7 @@ class SiteRides:
             self._choices = None
 
     def _step(self, ride: str, happened: Input) -> Step:
-        """Step one ride, write down what it comes to, and only then do it."""
+        """Step one ride, write down the result, and only then act on it."""
         before = self._rides.by_id[ride]
         seen_as = replace(before, lift=happened.lift) if isinstance(happened, TakeLift) else before
         done = step(before, happened, self._observe(seen_as), self._moment)
@@ -279,7 +279,7 @@ class SiteRides:
                 self._actors[event.lift].publish(event)
 
     def _write_down(self, event: RideChanged, event_id: str) -> None:
-        """Note and log a ride that is in another phase."""
+        """Record and log a ride that is in another phase."""
         if (row := row_of(event)) is None:
             return
         self._recorder.note(replace(row, event=event_id))
@@ -329,12 +329,12 @@ class SiteRides:
             self._actors[lift].save_rides(all_rides.saved(self._rides, lift, self._moment))
 
     def _restore(self) -> None:
-        """Go on with the rides of an earlier process, in their order; nothing is requested for them before their robots report."""
+        """Restore the rides of an earlier process, in their order; nothing is requested for them before their robots report."""
         if self._is_restored:
             return
         self._is_restored = True
         for actor in self._actors.values():
-            actor.begin()  # until then it knows no session of a ride
+            actor.begin()  # before that it knows no session of a ride
         for lift, actor in self._actors.items():
             for saved in actor.saved_rides:
                 record = restore(saved, lift, self._moment)
@@ -343,13 +343,13 @@ class SiteRides:
                 self._change_queues(changes)
 
     def _forget(self) -> None:
-        """Know the rides of an earlier process, and forget what ended long ago."""
+        """Load the rides of an earlier process, and forget what ended long ago."""
         self._restore()
         self._rides, lifts = all_rides.forget(self._rides, _now())
         self._save(lifts)
 
     def _find(self, ride: str, caller: Holder | None) -> RideRecord:
-        """Return a ride for whom may speak for it."""
+        """Return a ride to a caller that may report for it."""
         self._forget()
         found = all_rides.find(self._rides, ride, caller)
         if isinstance(found, Refused):
@@ -358,14 +358,14 @@ class SiteRides:
         return found
 
     def _published(self, ride: str) -> Ride:
-        """Return a ride as it is at this moment: an event may not have been looked at yet."""
+        """Return a ride as it is at this moment: an event may not have been processed yet."""
         record = self._rides.by_id[ride]
         if not record.is_over:
             return at_moment(record, self._observe(record), self._moment)
         return published(record, _now())
 
     def _refuse(self, lift: str, refused: Refused) -> NoReturn:
-        """Raise a refusal, and count it; `lift` is empty where the request was about none."""
+        """Raise a refusal, and count it; `lift` is empty if the request was about none."""
         self._refusals.refuse(lift if lift in self._actors else "", refused)
 
 

@@ -1,4 +1,4 @@
-"""The whole site as an adapter of Open-RMF is told of it, from memory."""
+"""The whole site as an adapter of Open-RMF sees it, from memory."""
 
 from __future__ import annotations
 

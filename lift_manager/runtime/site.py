@@ -53,7 +53,7 @@ from lift_manager.runtime.rides import SiteRides
 from register_maps.words import Side
 
 RECORDED_WITHIN_S = 0.5
-"""So long an answer that changed something waits for the disk. Chosen: a client waits a second."""
+"""How long the reply to a change waits for the disk. Chosen: a client waits a second."""
 
 Kind = TypeVar("Kind")
 
@@ -80,9 +80,9 @@ class Site:
         self.refusals = RefusalLog(recorder)
         self.rides = SiteRides(self._lifts, bus, recorder, self.refusals, clock or wall_clock())
         self.stopping = False
-        """It has begun to end: nobody holds a lift any more, and sessions are kept for the next start."""
+        """It is stopping: nobody holds a lift any more, and sessions are kept for the next start."""
         self.rmf = rmf or RmfRules()
-        """What the site says about Open-RMF."""
+        """What the site file sets for Open-RMF."""
 
     # -- what is known
 
@@ -104,7 +104,7 @@ class Site:
         return age_s(actor.record, actor.moment)
 
     def config(self, lift: str) -> LiftConfig:
-        """Return what site file and map say about a lift."""
+        """Return what site file and map define for a lift."""
         return self._lift(lift).config
 
     def signals(self, lift: str) -> LiftSignals:
@@ -128,7 +128,7 @@ class Site:
         return actor.driver.plan([step for step in parsed if step is not None])
 
     def durable(self, lift: str) -> DurableRecord:
-        """Return what of a lift outlives the manager: what people decided, and what they have to see to."""
+        """Return what of a lift outlives the manager: decisions of people, and what they have to see to."""
         return self._lift(lift).record.durable
 
     async def recorded(self, lift: str, within_s: float = RECORDED_WITHIN_S) -> bool:
@@ -140,12 +140,12 @@ class Site:
         return bool(done)
 
     def begin_stopping(self) -> None:
-        """Begin no more rides, and let faces know: nobody holds a lift any more, and sessions are kept for the next start."""
+        """Begin no more rides, and inform faces: nobody holds a lift any more, and sessions are kept for the next start."""
         self.stopping = self.rides.is_stopping = True
 
     @property
     def unwritten(self) -> frozenset[str]:
-        """What cannot be written down; then nothing is pressed on any lift."""
+        """Why nothing can be recorded; then nothing is pressed on any lift."""
         return frozenset({"journal", "state"}) if self._recorder.trouble else frozenset()
 
     # -- callers that know no sessions
@@ -160,17 +160,17 @@ class Site:
         robot: RobotWord | None = None,
         stays: bool = False,
     ) -> Accepted:
-        """Take a request that names a floor. All rules live behind this, the release for a closed door included."""
+        """Take a request that names a floor. All rules are behind this, the release for a closed door included."""
         if lift not in self._lifts:
             self.refusals.turned_away(FaceRefusal(Refusal.UNKNOWN_LIFT, "there is no such lift", lift, str(holder)))
         return self._take(lift, LiftRequest(holder, floor, hold_door, robot, stays, new_id()), Accepted)
 
     def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted:
-        """End the session of this holder, the car where it is; within the grace a request of the same holder goes on with it."""
+        """End the session of this holder, the car where it is; within the grace a request of the same holder continues it."""
         return self._take(lift, EndSession(holder, grace_s), Accepted)
 
     def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted:
-        """Give the session of this holder to another caller; the car and its door stay as they are."""
+        """Hand the session of this holder to another caller; the car and its door stay as they are."""
         return self._take(lift, HandOver(holder, to, new_id()), Accepted)
 
     # -- sessions that their holders open and close
@@ -180,7 +180,7 @@ class Site:
         return self._take(lift, OpenSession(holder, key, ttl_s, new_id()), SessionBegun)
 
     def session(self, lift: str, session: str, holder: Holder | None) -> SessionInfo:
-        """Return a session by its id, or one that was over not long ago; `holder` None reads everybody's."""
+        """Return a session by its id, also one that is over for a short time; `holder` None reads those of all holders."""
         actor = self._lift(lift)
         actor.begin()
         return self._raised(
@@ -188,7 +188,7 @@ class Site:
         )
 
     def renew_session(self, lift: str, session: str, holder: Holder, ttl_s: float | None) -> SessionInfo:
-        """Begin its lease again; a session from before a restart goes on."""
+        """Begin its lease again; a session from before a restart continues."""
         return self._take(lift, RenewSession(session, holder, ttl_s), SessionInfo)
 
     def close_session(self, lift: str, session: str, holder: Holder, robot: RobotWord | None) -> SessionInfo:
@@ -196,11 +196,11 @@ class Site:
         return self._take(lift, CloseSession(session, holder, robot), SessionInfo)
 
     def hand_session_over(self, lift: str, session: str, holder: Holder, to: Holder) -> SessionInfo:
-        """Give it to another caller. It gets a new id: the old one ends."""
+        """Hand it to another caller. It gets a new id: the old one ends."""
         return self._take(lift, HandOver(holder, to, new_id(), session), SessionInfo)
 
     def command(self, lift: str, request: CommandRequest) -> CommandStatus:
-        """Take a command of a session's holder; what becomes of it is to be had from `command_status`."""
+        """Take a command of a session's holder; `command_status` returns its outcome."""
         return self._take(lift, GiveCommand(request, new_id()), CommandStatus)
 
     def command_status(self, lift: str, session: str, holder: Holder | None, command: str) -> CommandStatus:
@@ -233,7 +233,7 @@ class Site:
     # -- people
 
     def acknowledge(self, lift: str, by: str) -> Acknowledged:
-        """Take it that a person has checked the lift after a fire, or found no robot in its car."""
+        """Record that a person has checked the lift after a fire, or found no robot in its car."""
         return self._decide(lift, by, "acknowledge", Acknowledge(by), Acknowledged)
 
     def lock_out(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> Restriction:
@@ -246,15 +246,15 @@ class Site:
         return self._decide(lift, by, "lockout", action, Restriction)
 
     def end_lockout(self, lift: str, by: str) -> RestrictionEnded:
-        """Let robots on a lift again."""
+        """End a lockout."""
         return self._decide(lift, by, "lockout_end", Unrestrict(RestrictionKind.LOCKOUT, by), RestrictionEnded)
 
     def begin_drain(self, lift: str, by: str, reason: str) -> Restriction:
-        """Let no new session begin on a lift; the present one goes on to its end."""
+        """Begin no new session on a lift; the present one continues to its end."""
         return self._decide(lift, by, "drain", Restrict(RestrictionKind.DRAIN, by, reason), Restriction)
 
     def end_drain(self, lift: str, by: str) -> RestrictionEnded:
-        """Let sessions begin again."""
+        """End a drain."""
         return self._decide(lift, by, "drain_end", Unrestrict(RestrictionKind.DRAIN, by), RestrictionEnded)
 
     def force_release(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> ForceReleased:
@@ -274,7 +274,7 @@ class Site:
 
     @property
     def boot(self) -> str:
-        """What the ids of this process's events begin with."""
+        """The beginning of the ids of this process's events."""
         return self._bus.boot
 
     @property
@@ -283,15 +283,15 @@ class Site:
         return self._bus.newest
 
     def freshen(self, lift: str | None = None) -> None:
-        """Publish what of a state has changed and is not published yet: after it that of this lift, or every one, is as its newest event tells."""
+        """Publish every change of a state that is not published yet, of this lift or of all lifts."""
         for name in self._lifts if lift is None else (lift,):
             self._lift(name).freshen()
 
     @contextmanager
     def numbering(self, lift: str) -> Iterator[None]:
-        """Give what is decided within the context a later number than every state before it, whether or not anybody listens.
+        """Give what is decided within the context a later number than every state before it.
 
-        Afterwards `newest` is that of the state that it led to.
+        Whether or not anybody listens. Afterwards `newest` is that of the resulting state.
         """
         self.freshen(lift)
         yield
@@ -309,7 +309,7 @@ class Site:
 
     @contextmanager
     def overhear(self, receive: Callable[[Occurrence], None]) -> Iterator[None]:
-        """As `tap`, of what is published anyhow: no state is worked out for it."""
+        """As `tap`, but only for what is published anyway: no state is computed for it."""
         loop = asyncio.get_running_loop()
         with self._bus.overhear(lambda event_id, event: receive(Occurrence(event_id, loop.time(), event))):
             yield
@@ -323,7 +323,7 @@ class Site:
             yield subscription
 
     def report_disk(self, trouble: str) -> None:
-        """Tell people that nothing can be written down, or that it can again; the store has a row of its own of it."""
+        """Alert people that nothing can be recorded, or report that it can again; the store has a row of its own for it."""
         for lift in self._lifts:
             self._bus.publish(Alarm(lift, trouble or "journal: rows are written again; robots are taken as before"))
 
@@ -340,7 +340,7 @@ class Site:
         return self._raised(lift, self._lift(lift).handle(happened), kind)
 
     def _decide(self, lift: str, by: str, action: str, happened: Input, kind: type[Kind]) -> Kind:
-        """Take a person's decision; one that is refused is written down here, for no lift has a row of it."""
+        """Take a person's decision; a refused one is written down here, because no lift has a row of it."""
         try:
             return self._take(lift, happened, kind)
         except RequestRefused as refused:

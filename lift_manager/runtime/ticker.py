@@ -18,7 +18,7 @@ class Ticker:
     def __init__(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._sleepers: dict[int, list[asyncio.Future[None]]] = {}
-        """Who wakes at which beat."""
+        """The sleepers by beat."""
 
     def sleep_until(self, when: float, sleeper: asyncio.Future[None] | None = None) -> asyncio.Future[None]:
         """Return what to await until this loop time: a sleeper that sleeps already wakes at the earlier of its times."""
