@@ -10,7 +10,8 @@ PAGE = (ROOT / "SECURITY.md").read_text("utf-8")
 def test_every_command_and_option_that_it_names_exists() -> None:
     commands = set(re.findall(r"`lift-manager\s+([a-z]+)", PAGE))
     assert commands >= {"network", "audit", "keys", "lockout", "release"}
-    known = {word for name in commands for word in re.findall(r"--[a-z-]+", call(name, "--help").stdout)}
+    helps = [call("--help"), *(call(name, "--help") for name in commands)]
+    known = {word for shown in helps for word in re.findall(r"--[a-z-]+", shown.stdout)}
     named = set(re.findall(r"--[a-z][a-z-]+", PAGE))
     assert named >= {"--suricata", "--since-seal"}
     assert named <= known
