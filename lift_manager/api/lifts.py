@@ -74,7 +74,7 @@ class Lift(Answer):
     standing: bool = Field(description="Whether the car stands at `floor`, by the evidence of the map.")
     destination: str | None
     robot_door: RobotDoor = Field(description="Only `open` invites the robot to drive.")
-    doors: Mapping[Side, Door] = Field(description="The state of each door, whoever may use it.")
+    doors: Mapping[Side, Door] = Field(description="The state of each door, whether or not a robot may use it.")
     motion: Motion
     mode: Mode
     permissions: Mapping[str, bool] = Field(
@@ -210,7 +210,7 @@ class LiftCapabilities(Answer):
     )
     simulated: bool = Field(
         default=False,
-        description="Whether the site file declares one of its controllers to be a simulator. Whoever shows the lift to people shows that.",
+        description="Whether the site file declares one of its controllers to be a simulator. An interface for people has to show that.",
     )
 
     @classmethod

@@ -413,7 +413,7 @@ def _report_end(record: Record, path: Path) -> None:
     lines += [f"  {one}: {record.newest[one].note}" for one in (*found.failed, *found.skipped)]
     lines.append(f"record: {path}, sha256 {record.sha256[:16]}")
     if found.remaining:
-        lines.append("the same command goes on; `--failed` does failed items again")
+        lines.append("the same command continues; `--failed` does failed items again")
     print_lines(lines)
     if found.remaining:
         raise typer.Exit(NOT_COMPLETE)

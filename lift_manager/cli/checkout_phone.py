@@ -176,7 +176,7 @@ class PhonePage:
             parts.append(
                 f'<form method="post" action="{self.path}/seen"><label>Your name<input name="name" required autocomplete="name"'
                 f' maxlength="{LONGEST_NAME}"></label><button>Take part</button></form>'
-                '<p class="small">You can confirm what you saw, and nothing else. The test goes on without you too.</p>'
+                '<p class="small">You can confirm what you saw, and nothing else. The test continues without you too.</p>'
             )
             return _page("".join(parts), status, is_html=True)
         parts += [*self._result(), *self._under_test(), f'<p class="small">You are {escape(self.name)}.</p>']

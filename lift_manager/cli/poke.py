@@ -72,7 +72,7 @@ def poke(  # noqa: PLR0913  each is an option of the command line
         typer.Option(
             "--unlock",
             metavar="TIME",
-            help="For so long, such as 10m, try the commands of a draft map instead, within `writable_ranges` of the site file.",
+            help="For this long, such as 10m, try the commands of a draft map instead, within `writable_ranges` of the site file.",
             show_default=False,
         ),
     ] = "",

@@ -57,14 +57,14 @@ MODES = (Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_
 """The modes without robots that a controller changes to by itself."""
 
 _HARMLESS_REASONS = {
-    "stuck_door": "the door limits tell where it is",
-    "reopening_door": "the door limits tell what it does",
-    "nudging_door": "the door limits tell what it does",
+    "stuck_door": "the door limits show where it is",
+    "reopening_door": "the door limits show what it does",
+    "nudging_door": "the door limits show what it does",
     "relevelling": "the car stays in the door zone, which is no fault",
     "robot_mode_withdrawn": "robot mode is read, or the call is not answered",
     "overload": "the door stays open, and the car does not come in time",
     "floor_ahead": "a car that moves has its doors shut",
-    "frozen_heartbeat": "what is read goes on to be true",
+    "frozen_heartbeat": "what is read stays true",
 }
 
 
@@ -77,10 +77,10 @@ def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
     for fault in ("stuck_door", "reopening_door", "nudging_door"):
         yield _harmless(fault)
     yield _late_arrival(
-        codec, "wrong_floor", f"the floor that the car tells is where it is; {_ALARMED}", f"{_STARTS_RIGHT}; {_ALARMED}"
+        codec, "wrong_floor", f"the floor that the car shows is where it is; {_ALARMED}", f"{_STARTS_RIGHT}; {_ALARMED}"
     )
     yield _harmless("relevelling")
-    yield _late_arrival(codec, "homing", "the car tells no floor, or one with its doors shut", _HOMING)
+    yield _late_arrival(codec, "homing", "the car shows no floor, or one with its doors shut", _HOMING)
     yield _late_arrival(codec, "calls_cancelled", "the call disappears, or the car does not come in time", _ELSEWHERE)
     for fault in ("robot_mode_withdrawn", "overload"):
         yield _harmless(fault)
@@ -88,7 +88,7 @@ def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
         if _shows_mode(codec, mode):
             yield Detection(f"in_mode.{mode}", max_age_s, (FaultEffect.MODE,), "the mode is read with every poll")
         else:
-            why = "no signal of this map tells this mode"
+            why = "no signal of this map shows this mode"
             if "robot_mode_on" in codec.signals:
                 why += "; a withdrawn robot mode may be all there is to see of it, and bars robots that hold the lift"
             yield Detection(f"in_mode.{mode}", None, (FaultEffect.MODE, FaultEffect.EFFECT), why)
@@ -143,7 +143,7 @@ def _shows_mode(codec: Codec, mode: Mode) -> bool:
 _SIMULATED_FLAGS = frozenset({"fire", "emergency_power", "inspection", "independent", "out_of_service"})
 
 
-_STARTS_RIGHT = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
+_STARTS_RIGHT = "a car that sets out the right way has taken the call; where it stops is the floor that it shows"
 _ALARMED = "confirmed calls that end at rest elsewhere, twice in a row with the same offset, are an alarm"
 _ELSEWHERE = (
     "a car that moves for somebody else looks like the answer to a call that was forgotten; it does not come in time"
@@ -164,14 +164,14 @@ def _wrong_floor_shown(codec: Codec) -> Detection:
     limits = {signal.points for name, signal in codec.signals.items() if name.startswith("door.") and signal.per_floor}
     if floor is not None and floor.points in limits:
         return Detection("says_wrong_floor", None, (FaultEffect.OPEN, FaultEffect.EFFECT), "another door limit is made")
-    return Detection("says_wrong_floor", None, (FaultEffect.OPEN, FaultEffect.EFFECT), "nothing else tells the floor")
+    return Detection("says_wrong_floor", None, (FaultEffect.OPEN, FaultEffect.EFFECT), "nothing else shows the floor")
 
 
 def _contradiction(codec: Codec, max_age_s: float) -> Detection:
     doors = [name for name in codec.signals if name.startswith("door.")]
     if all(_contradicts(codec, name) for name in doors):
         return Detection("contradicting_limits", max_age_s, (FaultEffect.OPEN,), "the door is in fault")
-    why = "the door is told by its open contact alone"
+    why = "the door is known by its open contact alone"
     return Detection("contradicting_limits", None, (FaultEffect.OPEN, FaultEffect.EFFECT), why)
 
 

@@ -160,7 +160,7 @@ def _handshake(source: RegisterMap) -> str:
 def _robot_mode(source: RegisterMap) -> str:
     asked, shown = "robot_mode" in source.commands, "robot_mode_on" in source.signals
     if asked and shown:
-        return "asked for and granted"
+        return "requested and granted"
     if asked:
-        return "asked for, and nothing shows whether it is granted"
-    return "granted by the lift, cannot be asked for" if shown else "none"
+        return "requested, and nothing shows whether it is granted"
+    return "granted by the lift, cannot be requested" if shown else "none"

@@ -106,7 +106,7 @@ def _times(sheet: MapSheet) -> Iterator[str]:
         yield f"{link['min_gap_s']:g} s between two requests"
     if link["min_poll_s"]:
         yield f"at least {link['min_poll_s']:g} s from poll to poll"
-    yield f"a lift not heard of for {link['max_age_s']:g} s counts as offline"
+    yield f"a lift without a reading for {link['max_age_s']:g} s counts as offline"
     if link["idle_timeout_s"] is not None:
         yield f"a connection without a request for {link['idle_timeout_s']:g} s is closed by the device"
     yield f"at least {link['reconnect_min_s']:g} s from one connection to the next"

@@ -106,7 +106,7 @@ def _check_released_holds(key: Key, source: RegisterMap, clearing: str, clear_s:
         released_after_s = command.released_after_s
         if released_after_s is not None and released_after_s < CLEARS_IN_A_LIMIT * clear_s:
             message = (
-                f"the controller lets go of {name} after {released_after_s:g} s (`released_after_s` in {source.name}), which is less than"
+                f"the controller releases {name} after {released_after_s:g} s (`released_after_s` in {source.name}), which is less than"
                 f" {CLEARS_IN_A_LIMIT} times `{clearing}` ({clear_s:g} s), so robots would hardly see the door open before it is announced"
                 f" to be released; lower `{clearing}` to {released_after_s / CLEARS_IN_A_LIMIT:.3g} or less, or have the controller hold"
                 " the door longer"

@@ -42,10 +42,10 @@ def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
         )
     uses_handshake = source.needs_occupancy or bool(HANDSHAKE & source.commands.keys())
     if (lift.rmf.name or lift.rmf.floors) and uses_handshake and not lift.infer_occupancy and lift.access == "control":
-        message = f"{source.name} has to be told when a robot is in place, and RMF has no word for it: no request of RMF would be taken; add `infer_occupancy: true` to this lift"
+        message = f"{source.name} has to learn when a robot is in place, and RMF cannot report that: no request of RMF would be accepted; add `infer_occupancy: true` to this lift"
         yield Problem((*key, "rmf"), message)
     if lift.infer_occupancy and not uses_handshake:
-        message = f"{source.name} is told nothing about a robot aboard, so there is nothing to infer; remove this line"
+        message = f"{source.name} takes no report about a robot aboard, so there is nothing to infer; remove this line"
         yield Problem((*key, "infer_occupancy"), message)
     for index, covered_by in superfluous(lift.robot_hours or ()):
         message = f"adds nothing, because {covered_by} has these hours already; remove this line"
@@ -58,8 +58,8 @@ def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
 
 def _missing_text(source: RegisterMap, signal: str) -> str:
     if signal == "car_floor":
-        return f"{source.name} tells nobody where its car is"
-    return f"{source.name} does not tell {signal}"
+        return f"{source.name} does not report where its car is"
+    return f"{source.name} does not report {signal}"
 
 
 def _add_advice(signal: str) -> str:
@@ -77,7 +77,7 @@ def _allowed_values(parameter: Parameter) -> str:
 def _door(key: Key, source: RegisterMap) -> Iterator[Problem]:
     doors = [f"door.{side}" for side in Side]
     if not any(door in source.signals or door in source.needs for door in doors):
-        message = f"{source.name} does not tell whether a door is open, and no robot may guess; {_add_advice(doors[0])}, or use `access: monitor`"
+        message = f"{source.name} does not report whether a door is open, and no robot may guess; {_add_advice(doors[0])}, or use `access: monitor`"
         yield Problem((*key, "access"), message)
 
 
@@ -101,7 +101,7 @@ def _group(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
     if lift.group is not None and unguarded:
         message = (
             f"{lift.group} may send this car elsewhere while a robot waits for it or rides in it, and {', '.join(unguarded)} of {source.name} "
-            "does not ask whether the car is taken out of the group; where the controller can do that, add "
+            "does not check whether the car is taken out of the group; where the controller can do that, add "
             f"`requires: [robot_mode_on]` (or `independent`) to {', '.join(unguarded)} under `override: commands`, else use `access: monitor`"
         )
         yield Problem((*key, "access"), message)

@@ -280,7 +280,7 @@ def _lift_cautions(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
 def _api_caution(api: Api) -> str:
     if api.without_keys is not None:
         return (
-            f"the API listens on {api.host}, and while this site has no keys whoever reaches it can command the lifts;"
+            f"the API listens on {api.host}, and while this site has no keys anybody who reaches it can command the lifts;"
             f" accepted: {api.without_keys}"
         )
     clear = "" if api.tls is not None else ", and keys cross the network as they are, because `api` has no `tls`"

@@ -147,7 +147,7 @@ def _pair_problem(pair: _TlsFiles) -> str | None:
     except ssl.SSLError as error:
         if error.reason == "KEY_VALUES_MISMATCH":
             return f"{pair.private} does not belong to the certificate {pair.certificate}: it is the key of another one"
-        why = (error.reason or "no reason told").replace("_", " ").lower()
+        why = (error.reason or "no reason given").replace("_", " ").lower()
         return f"{pair.certificate} and {pair.private} are refused by TLS: {why}"
     return None
 

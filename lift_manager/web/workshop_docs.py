@@ -19,7 +19,7 @@ a site without keys was addressed by an unknown host name), 404 (no such path), 
 long), 500 (a bug in the manager).
 
 **Accepted is not done.** A request is answered as soon as it is accepted, from memory. Poll `lift_state` to see the
-car come: it stands ready for a robot when `current_floor` is the floor asked for *and* `door_state` is 2.
+car come: it stands ready for a robot when `current_floor` is the requested floor *and* `door_state` is 2.
 
 **All callers without a key are one.** They share one session named `workshop`. A caller with a key has its own, named
 `workshop:<name of the key>`; as soon as the site has a key, every request needs one, in the header
@@ -64,7 +64,7 @@ def lift_state(names: tuple[str, ...]) -> dict[str, Any]:
     """What the route's registration wants to know, docs included."""
     floor = {"type": "string", "examples": ["L1"]}
     data = {
-        "available_floors": {"type": "array", "items": floor, "description": "The floors that may be asked for."},
+        "available_floors": {"type": "array", "items": floor, "description": "The floors that may be requested."},
         "current_floor": floor | {"description": CURRENT_FLOOR},
         "destination_floor": floor | {"description": DESTINATION_FLOOR},
         "door_state": {"type": "integer", "enum": [0, 1, 2], "description": DOOR_STATE},
@@ -72,7 +72,7 @@ def lift_state(names: tuple[str, ...]) -> dict[str, Any]:
     }
     standing = _state("L1", "L1", 0, 0)
     examples = {
-        "Standing": _yes("At L1, door closed, nobody asks for anything", standing),
+        "Standing": _yes("At L1, door closed, no request", standing),
         "On the way": _yes("Going up to L2, passing L1", _state("L1", "L2", 0, 1)),
         "Ready": _yes("At L2, door open and held: drive", _state("L2", "L2", 2, 0)),
         "Offline": _no(
@@ -103,11 +103,11 @@ def lift_request(names: tuple[str, ...]) -> dict[str, Any]:
     requests = {
         "Call": {"summary": "Come to L2; over on arrival", "value": {"floor": "L2", "door_state": 0}},
         "Hold": {"summary": "Come to L2 and hold the door", "value": {"floor": "L2", "door_state": 2}},
-        "Release": {"summary": "Let go, while current_floor is L1", "value": {"floor": "L1", "door_state": 0}},
+        "Release": {"summary": "Release, while current_floor is L1", "value": {"floor": "L1", "door_state": 0}},
     }
     examples = {
         "Accepted": _yes("The lift will do it; watch lift_state", {}),
-        "Wrong door_state": _no("1 cannot be asked for", REFUSED_DOOR_STATE),
+        "Wrong door_state": _no("1 cannot be requested", REFUSED_DOOR_STATE),
         "Wrong body": _no("What was expected is named", REFUSED_BODY),
         "Unknown lift": _no("The names to use are listed", _unknown_lift(names)),
     }
@@ -123,20 +123,18 @@ def lift_request(names: tuple[str, ...]) -> dict[str, Any]:
 CURRENT_FLOOR = (
     "The floor the car stands at or passes; empty when nobody reports it. Never the destination before arrival."
 )
-DESTINATION_FLOOR = (
-    "The floor that was asked for; without a request the current floor, and empty when that is not known."
-)
+DESTINATION_FLOOR = "The requested floor; without a request the current floor, and empty when that is not known."
 DOOR_STATE = """0 closed, 1 moving, 2 open. 2 is an invitation to drive: the car stands at `current_floor`, the door is
 fully open and, while a session holds the lift, the hold is confirmed. In fire, emergency and the like it is never 2."""
 MOTION_STATE = "0 stopped, 1 up, 2 down, 3 not known (or moving without a word on the direction)."
 REQUEST_DOOR_STATE = (
-    "2: come, open and hold the door. 0: come without holding; for the current floor, let go. No other."
+    "2: come, open and hold the door. 0: come without holding; for the current floor, release. No other."
 )
 REFUSED_DOOR_STATE = "door_state must be 0 (no hold; for the current floor a release) or 2 (open and hold), not 1"
 REFUSED_BODY = 'the body is empty; expected {"floor": one of L1, L2, "door_state": 0 or 2}'
 
 STATE_TEXT = """
-The lift as it was at the last reading; no controller is asked, so the answer comes at once.
+The lift as it was at the last reading; no controller is contacted, so the answer comes at once.
 
 A lift that has been silent for longer than its limit answers `success: false` with the age, the limit and the reason.
 Treat that as "door not open".
@@ -149,14 +147,14 @@ REQUEST_TEXT = """
 |---|---|
 | a floor, `door_state` 2 | comes to the floor, opens and **holds** the door there |
 | another floor, `door_state` 0 | comes to the floor; the session **ends on arrival** |
-| the floor that `lift_state` calls `current_floor`, `door_state` 0 | **lets go**: hold and lease end; nothing moves |
+| the floor that `lift_state` calls `current_floor`, `door_state` 0 | **is released**: hold and lease end; nothing moves |
 
-**The lease.** With `door_state` 2 the lift is yours until you let go, and no longer than the lease (300 s unless the
-site says otherwise). It runs from the later of two moments: your last request, and the door standing open at the floor
-you asked for. Then the lift goes back to people. Repeat the request to keep it; a repeat does not press the button
+**The lease.** With `door_state` 2 the lift is yours until you release it, and no longer than the lease (300 s unless the
+site says otherwise). It runs from the later of two moments: your last request, and the door standing open at the
+floor you requested. Then the lift goes back to people. Repeat the request to keep it; a repeat does not press the button
 again. A new floor while the car travels is fine.
 
-**When it says no.** The lift is held by somebody else, offline, in a mode that is for people only (fire, inspection,
+**When it is refused.** The lift is held by somebody else, offline, in a mode that is for people only (fire, inspection,
 independent service and the like), locked out, outside the hours of robots, or waits for a person after a fire or because
 a robot may be in its car; or the request itself is wrong: the `msg` says which, and names what helps.
 

@@ -23,7 +23,7 @@ def io_list(loaded: LoadedSite) -> IoList:
         ("Site", one_line(site.name)),
         ("Site file", one_line(loaded.path.name)),
         ("Lifts", ", ".join(lift.name for lift in lifts)),
-        ("Directions", "lift → manager: the lift company tells it. manager → lift: the lift manager commands it."),
+        ("Directions", "lift → manager: a signal of the lift. manager → lift: a command of the lift manager."),
         (
             "Addresses",
             "printed: as in the map or its source. On the wire: in the request itself, where the first one is 0.",

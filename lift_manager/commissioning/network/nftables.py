@@ -52,8 +52,8 @@ def gateway(found: Network, clients: Sequence[str], managers: Sequence[str]) -> 
     yield from lines.header(found, "nftables for the gateway in front of the controllers and of the lift manager")
     yield from lines.comment(
         f"The manager at {', '.join(managers)} reaches the controllers, on their ports. Nobody else reaches them, and they begin no "
-        "connection. The manager is reached on the port of its API, by the named networks; whoever looks after that computer "
-        "needs lines of their own before the last ones, one for each direction. A connection that is there already when "
+        "connection. The manager is reached on the port of its API, by the named networks; people who look after that computer "
+        "need lines of their own before the last ones, one for each direction. A connection that is there already when "
         "these rules are loaded has to fit them too.",
         "Load: nft -f FILE. Try first: nft -c -f FILE. It sees only what is forwarded: a host in the controllers' own network has to be kept "
         "out of it by the switch.",
@@ -142,7 +142,7 @@ def _user(user: str) -> str:
 def _names(found: Network) -> Iterator[str]:
     if any(station.is_name for station in found.stations):
         yield (
-            "Some controllers are given by name. nftables goes by addresses, and the manager asks for the name again at every connection: "
+            "Some controllers are given by name. nftables goes by addresses, and the manager looks the name up again at every connection: "
             "let it reach the resolver too, or better, write addresses in the site file."
         )
 

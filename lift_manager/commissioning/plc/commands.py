@@ -17,12 +17,12 @@ from register_maps.codec import Codec, CommandCodec
 
 def command_part(codec: Codec, floor_codes: Sequence[int]) -> Iterator[tuple[str, Part]]:
     """Yield the parts that carry out the commands of the map, each with a heading."""
-    yield "May robots use the lift at all? A broken wire says no.", _guards()
+    yield "May robots use the lift at all? A broken wire reads as no.", _guards()
     yield "The request for robot mode is the manager's sign of life; each one counts for a while.", _robot_mode(codec)
     hold = codec.commands.get("hold_door.front")
     if hold is not None:
         yield (
-            "Door hold: as long as it is written, and never longer than its limit without being written anew.",
+            "Door hold: as long as it is written, and never longer than its limit without being written again.",
             _hold(codec),
         )
     close = codec.commands.get("close_door.front")
@@ -39,14 +39,14 @@ def _guards() -> Part:
 def _robot_mode(codec: Codec) -> Part:
     command = codec.commands["robot_mode"]
     return Part(
-        ("Asked : BOOL;", "Heard : TOF;", "RobotModeOn : BOOL;"),
+        ("Requested : BOOL;", "Kept : TOF;", "RobotModeOn : BOOL;"),
         (
-            f"Asked := {_is_pressed(command)};",
-            "IF Asked THEN",
+            f"Requested := {_is_pressed(command)};",
+            "IF Requested THEN",
             *_indented(cells.assign(command.encode(None))),
             "END_IF;",
-            f"Heard(IN := Asked, PT := {cells.seconds(watchdog_s(codec))});",
-            "RobotMode := Heard.Q AND MayRun;",
+            f"Kept(IN := Requested, PT := {cells.seconds(watchdog_s(codec))});",
+            "RobotMode := Kept.Q AND MayRun;",
             "RobotModeOn := RobotMode AND RobotModeGranted;",
         ),
     )
@@ -57,17 +57,17 @@ def _hold(codec: Codec) -> Part:
     command = codec.commands["hold_door.front"]
     rest_s = watchdog_s(codec)
     return Part(
-        ("HoldAsked : BOOL;", "HoldTaken : BOOL;", "HoldAge : TON;", "HoldRest : TON;"),
+        ("HoldRequested : BOOL;", "HoldTaken : BOOL;", "HoldAge : TON;", "HoldRest : TON;"),
         (
-            f"HoldAsked := {_allowed(command)} AND {_is_pressed(command)};",
-            "IF HoldAsked OR NOT RobotMode THEN HoldTaken := FALSE; END_IF;",
-            f"HoldAge(IN := HoldAsked, PT := {cells.seconds(command.spec.cleared_after_s or 0.0)});",
+            f"HoldRequested := {_allowed(command)} AND {_is_pressed(command)};",
+            "IF HoldRequested OR NOT RobotMode THEN HoldTaken := FALSE; END_IF;",
+            f"HoldAge(IN := HoldRequested, PT := {cells.seconds(command.spec.cleared_after_s or 0.0)});",
             "IF HoldAge.Q THEN",
             "  HoldTaken := TRUE;",
             *_indented(cells.assign(command.encode(None))),
             "END_IF;",
             f"HoldRest(IN := HoldTaken, PT := {cells.seconds(rest_s)});",
-            f"DoorOpenButton := {_allowed(command)} AND (HoldAsked OR (HoldTaken AND NOT HoldRest.Q));",
+            f"DoorOpenButton := {_allowed(command)} AND (HoldRequested OR (HoldTaken AND NOT HoldRest.Q));",
         ),
     )
 

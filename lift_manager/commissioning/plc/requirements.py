@@ -49,7 +49,7 @@ def watchdog_s(codec: Codec) -> float:
 
 def _check_map(codec: Codec) -> Iterator[str]:
     for name in codec.signals.keys() - SIGNALS:
-        yield f"the program has no input from which it could tell {name}; remove that signal from the map"
+        yield f"the program has no input for {name}; remove that signal from the map"
     for name in codec.commands.keys() - set(COMMANDS):
         yield f"the program has no output for {name}; remove that command from the map"
     for name in _NEEDED:

@@ -146,7 +146,7 @@ def outputs(codec: Codec, floors: Sequence[str]) -> tuple[Terminal, ...]:
     found += [terminal for terminal in doors if terminal.shows in codec.commands]
     wire_to = "the controller's input for robot service, such as its key for an attendant or priority trips"
     found.append(
-        Terminal("RobotMode", Contact.NO, wire_to, "asks for robot mode", "in service for people", "robot_mode")
+        Terminal("RobotMode", Contact.NO, wire_to, "requests robot mode", "in service for people", "robot_mode")
     )
     return tuple(found)
 

@@ -27,7 +27,7 @@ def wiring_sheet(codec: Codec, floors: Mapping[str, int]) -> str:
         "NC contacts are closed while all is well; a broken wire then says the opposite.",
         "",
         *_table(
-            ("variable", "wire to", "contact", "TRUE means", "broken wire reads as", "told at"),
+            ("variable", "wire to", "contact", "TRUE means", "broken wire reads as", "reported at"),
             (_input(codec, terminal) for terminal in inputs(codec, names)),
         ),
         "",
@@ -66,7 +66,7 @@ def wiring_sheet(codec: Codec, floors: Mapping[str, int]) -> str:
 
 def _input(codec: Codec, terminal: Terminal) -> tuple[str, ...]:
     signal = codec.signals.get(terminal.shows or "")
-    address = "not told; taken into account" if signal is None else _printed(codec, signal)
+    address = "not reported; taken into account" if signal is None else _printed(codec, signal)
     return (terminal.name, terminal.wire_to, terminal.contact, terminal.when_on, terminal.when_cut, address)
 
 

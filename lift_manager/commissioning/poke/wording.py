@@ -35,7 +35,7 @@ def command_lines(found: LiftCommands) -> Iterator[str]:
 def trial_lines(trial: Trial, writes: PlannedWrites, hold_s: float) -> Iterator[str]:
     """Show what a trial writes, and what ends it."""
     yield from textwrap.wrap(f"{trial.lift}: {trial}: {trial.command.meaning}", WIDTH)
-    yield from textwrap.wrap(f"A session asks for: {_requests(trial)}.", WIDTH)
+    yield from textwrap.wrap(f"A session requests: {_requests(trial)}.", WIDTH)
     yield "It writes:"
     for write in writes.writes:
         yield from _write_lines(write)

@@ -151,7 +151,7 @@ KINDS: Mapping[str, Kind] = {
         fields={"command": _text("as in the map"), "floor": _floor("the floor of a call")},
     ),
     "release": Kind(
-        "a command is no longer written to the controller, whoever released it",
+        "a command is no longer written to the controller, no matter who released it",
         lasts=False,
         fields={"command": _text("as in the map"), "floor": _floor("the floor of a call")},
     ),

@@ -106,11 +106,11 @@ def _aged_state(state: LiftState, by_s: float) -> LiftState:
 
 
 def _too_old_text(max_age_s: float) -> str:
-    return f"nothing newer within {max_age_s:g} s in this event; GET /api/v1/lifts tells how the lift is now"
+    return f"nothing newer within {max_age_s:g} s in this event; GET /api/v1/lifts has its present state"
 
 
 def _without_invitation(ride: rides.Ride, by_s: float) -> rides.Ride:
-    reason = f"`{ride.guidance}` was said {by_s:.1f} s ago; GET /api/v1/rides/{ride.id} tells what holds now"
+    reason = f"`{ride.guidance}` was given {by_s:.1f} s ago; GET /api/v1/rides/{ride.id} has what holds now"
     return replace(ride, guidance=_SAFE_GUIDANCE[ride.guidance], reason=reason)
 
 

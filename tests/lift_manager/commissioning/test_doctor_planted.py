@@ -112,7 +112,7 @@ def planted(folder: Path) -> Mapping[str, Mistake]:
         "wrong unit id, another one answers": replace(lift, unit=3, other_units="gateway", probes=(Probe.UNIT,)),
         "a gateway that answers for any unit id": replace(lift, other_units="as its own", probes=(Probe.UNIT,)),
         "holding registers for input registers": replace(lift, tables={H: I}),
-        "holding registers for input registers, with the cure": replace(lift, tables={H: I}, probes=(Probe.TABLE,)),
+        "holding registers for input registers, with the remedy": replace(lift, tables={H: I}, probes=(Probe.TABLE,)),
         "wrong port: nothing listens": replace(lift, problem=ConnectProblem.REFUSED),
         "wrong port: something else listens": replace(lift, answers=speaks_http),
         "no cable, or a firewall": replace(lift, problem=ConnectProblem.TIMED_OUT),

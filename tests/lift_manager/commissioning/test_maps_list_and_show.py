@@ -22,7 +22,7 @@ FEATURES: dict[str, dict[str, object]] = {
         "door_commands": "hold_door.front, close_door.front",
         "permissions": "none",
         "handshake": "none",
-        "robot_mode": "asked for and granted",
+        "robot_mode": "requested and granted",
         "fire": "visible (fire, mode word)",
         "needs": (),
         "to_set": (),
@@ -32,7 +32,7 @@ FEATURES: dict[str, dict[str, object]] = {
         "trust": "integration-code",
         "position": "one bit for each of 2 floors",
         "doors": "front (two limits)",
-        "robot_mode": "granted by the lift, cannot be asked for",
+        "robot_mode": "granted by the lift, cannot be requested",
         "fire": "NOT VISIBLE: the interface has no fire signal; only a withdrawn AGV mode may be seen",
         "may_set": ("first_input", "first_output"),
     },
@@ -55,7 +55,7 @@ FEATURES: dict[str, dict[str, object]] = {
         "at_floor": "fully-open limit of that floor",
         "handshake": "robot_in_place (the car waits for it)",
     },
-    "robotnik-il-eth": {"robot_mode": "asked for, and nothing shows whether it is granted"},
+    "robotnik-il-eth": {"robot_mode": "requested, and nothing shows whether it is granted"},
     "thingweb-elevator": {"trust": "simulation", "at_floor": "the car does not move", "doors": "none"},
 }
 

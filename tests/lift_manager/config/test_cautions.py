@@ -69,7 +69,7 @@ def test_an_address_that_others_reach_needs_keys_or_a_reason_that_is_said_at_eve
     assert "every request needs a key (`lift-manager keys make`), and keys cross the network as they are" in needs
     open_to_all = f"{GENERIC}api: {{host: 10.0.0.7, without_keys: a closed network}}\n"
     (accepted,) = about(tmp_path, open_to_all, "the API listens on")
-    assert accepted.endswith("whoever reaches it can command the lifts; accepted: a closed network")
+    assert accepted.endswith("anybody who reaches it can command the lifts; accepted: a closed network")
     local = f"{GENERIC}api: {{without_keys: a closed network}}\n"
     assert about(tmp_path, local, "the API listens on") == []
 

@@ -553,7 +553,7 @@ def test_a_controller_that_lets_the_door_go_too_soon_for_robots_is_refused_with_
     (one,) = findings(tmp_path, site, ("    access: control\n", "    access: control\n" + lets_go))
     for text in (
         "lifts.main.map",
-        f"lets go of hold_door.front after {seconds} s",
+        f"releases hold_door.front after {seconds} s",
         "released_after_s",
         f"3 times {clearing}",
     ):

@@ -56,15 +56,15 @@ def test_an_interface_without_a_floor_is_refused_whatever_its_access_with_the_re
     reason = "the module has outputs only"
     assert_says_exactly(
         findings(tmp_path, bare),
-        said(7, "lifts.vip.override.signals.car_floor", "tells nobody where its car is", reason, "second endpoint"),
-        said(7, "lifts.vip.override.signals.door.front", "does not tell door.front", reason, "`override: signals`"),
+        said(7, "lifts.vip.override.signals.car_floor", "does not report where its car is", reason, "second endpoint"),
+        said(7, "lifts.vip.override.signals.door.front", "does not report door.front", reason, "`override: signals`"),
     )
 
 
 def test_a_needed_signal_is_not_added_by_saying_null(tmp_path: Path) -> None:
     found = findings(tmp_path, BUTTONS[: BUTTONS.index("        door.front:")] + "        door.front: null\n")
     key = "lifts.vip.override.signals.door.front"
-    assert any(said(17, key, "does not tell door.front").fits(finding) for finding in found), found
+    assert any(said(17, key, "does not report door.front").fits(finding) for finding in found), found
 
 
 def test_a_lift_whose_floor_the_site_takes_away_is_refused(tmp_path: Path) -> None:
@@ -72,7 +72,10 @@ def test_a_lift_whose_floor_the_site_takes_away_is_refused(tmp_path: Path) -> No
         edited(GENERIC, ("    access: control\n", "")),
         "    override: {signals: {car_floor: null}}\n",
     )
-    words = "tells nobody where its car is", "add car_floor under `override: signals`, on a second endpoint if need be"
+    words = (
+        "does not report where its car is",
+        "add car_floor under `override: signals`, on a second endpoint if need be",
+    )
     assert_says_exactly(findings(tmp_path, gone), said(8, "lifts.main.override.signals.car_floor", *words))
 
 
@@ -126,7 +129,7 @@ def test_a_lift_that_is_told_about_a_robot_aboard_may_infer_it(tmp_path: Path, t
 
 def test_a_lift_that_is_told_nothing_about_a_robot_aboard_has_nothing_to_infer(tmp_path: Path) -> None:
     found = findings(tmp_path, with_lines(GENERIC, "    infer_occupancy: true\n"))
-    assert_says_exactly(found, said(9, "lifts.main.infer_occupancy", "told nothing about a robot aboard"))
+    assert_says_exactly(found, said(9, "lifts.main.infer_occupancy", "takes no report about a robot aboard"))
 
 
 @pytest.mark.parametrize("unsaid", ["", "    infer_occupancy: false\n"])

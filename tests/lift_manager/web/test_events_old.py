@@ -64,7 +64,7 @@ def test_a_reader_that_comes_back_is_not_told_to_drive_by_what_was_so_before(gui
             assert late.data["ride"]["guidance"] == old
             assert (
                 late.data["ride"]["reason"]
-                == f"`{guidance}` was said 2.1 s ago; GET /api/v1/rides/r1 tells what holds now"
+                == f"`{guidance}` was given 2.1 s ago; GET /api/v1/rides/r1 has what holds now"
             )
             assert (late.data["age_s"], late.data["ride"]["phase"]) == (pytest.approx(2.1), Phase.BOARDING)
 

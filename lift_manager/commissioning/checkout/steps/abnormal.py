@@ -49,7 +49,7 @@ async def check_cable(step: Step, lift: WatchedLift) -> None:
             "Is the lift back with its passengers: the door closes, and its buttons work?", Prompt.SERVES
         ):
             step.problem(
-                "without the network the lift does not serve its passengers: its controller needs a watchdog that lets go of our outputs"
+                "without the network the lift does not serve its passengers: its controller needs a watchdog that releases our outputs"
             )
         await step.done("Plug the network cable in again.", Prompt.CABLE, value="in")
         await _back(step, watch)
@@ -217,13 +217,13 @@ async def check_watchdog(step: Step, access: Access, floor: str) -> None:
         "the controller has no watchdog on it, or a long one; the lift company sets it, or the map must say `latches`"
     )
     if let_go_s is not None and let_go_s <= WATCHDOG_WITHIN_S:
-        step.saw(f"the door was let go {let_go_s:g} s after the manager was killed")
+        step.saw(f"the door was released {let_go_s:g} s after the manager was killed")
     elif {step.codec.commands[name].spec.on_link_loss for name in held} == {"latches"}:
         step.notes.append(
             "the door stays open, as the map says of this lift: the lift technician releases it at the panel"
         )
     elif let_go_s is not None:
-        step.problem(f"{outputs}: the door was let go only {let_go_s:g} s after the manager was killed: {cure}")
+        step.problem(f"{outputs}: the door was released only {let_go_s:g} s after the manager was killed: {cure}")
     else:
         step.problem(f"{outputs}: the door is still held {WATCHED_FOR_S:g} s after the manager was killed: {cure}")
 

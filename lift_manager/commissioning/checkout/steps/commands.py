@@ -75,7 +75,7 @@ async def _compare_doors(step: Step, watch: Watch, floor: str) -> None:
                 f"{at(step, f'door.{side}')} shows {watch.newest.lift.doors.get(side)} while the door is {real}"
             )
         if not is_open and watch.newest.lift.robot_door == "open":
-            step.problem(f"a robot would be told to drive at {floor} while the {side} door is not open")
+            step.problem(f"a robot would be invited to drive at {floor} while the {side} door is not open")
 
 
 async def _call(step: Step, lift: WatchedLift, watch: Watch) -> None:
@@ -97,7 +97,7 @@ async def _trip(step: Step, lift: WatchedLift, watch: Watch) -> None:
 async def _robot_mode(step: Step, lift: WatchedLift, watch: Watch) -> None:
     name = step.item.subject
     floor = other_floor(step, watch.newest)
-    await step.may_move(f"The manager asks for robot mode and calls the empty car to {floor}. Is everybody clear?")
+    await step.may_move(f"The manager requests robot mode and calls the empty car to {floor}. Is everybody clear?")
     async with session(lift) as held:
         if not await call(step, lift, watch, held, floor, hold=False):
             return
@@ -172,7 +172,7 @@ def _check_outputs(step: Step, watch: Watch, name: str, began: float) -> None:
     step.saw(f"outputs on since the press: {', '.join(sorted(pressed)) or 'none'}")
     if name not in pressed and not step.problems:
         step.problem(
-            f"{at(step, name)}: the manager did not press it, because this lift did not need it for what was asked"
+            f"{at(step, name)}: the manager did not press it, because this lift did not need it for this request"
         )
     if watch.alarms:
         step.problem(f"meanwhile: {'; '.join(dict.fromkeys(watch.alarms))}")

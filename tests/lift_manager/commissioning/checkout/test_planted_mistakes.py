@@ -179,7 +179,7 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
         None,
         NO_WATCHDOG,
         "A-04",
-        r"hold_door.front \(coil:8\): the door was let go only 2.* s after the manager was killed: the controller has no watchdog",
+        r"hold_door.front \(coil:8\): the door was released only 2.* s after the manager was killed: the controller has no watchdog",
     ),
     (
         "press too short for the scan",

@@ -130,7 +130,7 @@ def test_addresses_counted_from_one_are_moved_to_the_wire() -> None:
 
     made = render(changed(from_one), FLOORS)
     assert "RobotLiftHoldingRegisters : ARRAY [0..18] OF WORD;" in made.st
-    assert "Asked := (HoldingRegisters[17] = 16#0001);" in made.st
+    assert "Requested := (HoldingRegisters[17] = 16#0001);" in made.st
     assert "| robot_mode | holding:18 | 17 | FC06, FC03 |" in made.wiring
 
 
@@ -141,11 +141,11 @@ def test_times_and_values_come_from_the_map() -> None:
         given["commands"]["hold_door.front"] |= {"max_hold_s": 20, "cleared_after_s": 14}
 
     made = render(changed(slower), FLOORS)
-    assert "Heard(IN := Asked, PT := T#6s);" in made.st
-    assert "Asked := (HoldingRegisters[18] = 16#0007);" in made.st
+    assert "Kept(IN := Requested, PT := T#6s);" in made.st
+    assert "Requested := (HoldingRegisters[18] = 16#0007);" in made.st
     assert "  HoldingRegisters[18] := 16#0003;" in made.st
     assert "PT := T#1500ms" in made.st
-    assert "HoldAge(IN := HoldAsked, PT := T#14s);" in made.st
+    assert "HoldAge(IN := HoldRequested, PT := T#14s);" in made.st
 
 
 def test_a_map_without_doors_commands_and_counters_gives_a_smaller_program() -> None:
@@ -199,7 +199,7 @@ def put(part: str, name: str, **keys: object) -> Callable[[dict[str, Any]], obje
             put("commands", "close_door.rear", at="holding:19", action="pulse", width_s=1),
             "no output for close_door.rear",
         ),
-        (put("signals", "door_zone", at="holding:5.6"), "no input from which it could tell door_zone"),
+        (put("signals", "door_zone", at="holding:5.6"), "no input for door_zone"),
         (put("commands", "go_to", action="hold", max_hold_s=60, on_link_loss="latches"), "go_to must be a pulse"),
         (put("commands", "robot_mode", on_link_loss="latches"), "lives by the refreshes of robot_mode"),
         (put("commands", "robot_mode", refresh_s=None), "lives by the refreshes of robot_mode"),

@@ -124,7 +124,7 @@ def test_an_expectation_with_a_mistake_is_refused(tmp_path: Path, expectation: s
         (HEAD + "parameters: {speed: 1}\n", "parameters.speed: generic-registers has no parameter speed"),
         (HEAD + "override: {signals: {car_floor: {at: 'holding:99'}}}\n", "override"),
         (HEAD + "options: {poll_s: 3}\n", "options.poll_s: a poll every 3 s is too slow"),
-        (HEAD + "options: {infer_occupancy: true}\n", "options.infer_occupancy: generic-registers is told nothing"),
+        (HEAD + "options: {infer_occupancy: true}\n", "options.infer_occupancy: generic-registers takes no report"),
         (HEAD + "simulator: {speed: 1000}\n", "simulator.speed: must be at most 100, not 1000"),
         (HEAD.replace("lasts_s: 60", "lasts_s: 0"), "lasts_s: must be more than 0, not 0"),
     ],
