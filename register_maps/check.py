@@ -1,4 +1,4 @@
-"""Checks a map across its fields and reports every problem at once, each with its cure.
+"""Checks a map across its fields and reports every problem at once, each with its remedy.
 
 A map is read in three steps: the schema checks each field, `check_places.find_unreadable` finds addresses that are
 no places, and `check` examines the rest.

@@ -70,9 +70,9 @@ class Command(Part):
     self_clearing: bool = False
     """The controller accepts the hold and clears its point, so the point does not show whether the hold is on."""
     cleared_after_s: Seconds | None = None
-    """The controller clears the point of a hold after so long, and continues the hold if it is written again: not a drop."""
+    """The controller clears the point of a hold after this long, and continues the hold if it is written again: not a drop."""
     released_after_s: Seconds | None = None
-    """Of a door hold: so long after its press the controller lets the door go by itself, however often it is written again."""
+    """Of a door hold: this long after its press the controller releases the door by itself, however often it is written again."""
     on_link_loss: Literal["device_watchdog", "timed_by_device", "latches"] | None = None
     bounded_by: Literal["session"] | None = None
     requires: tuple[str, ...] = ()
@@ -84,7 +84,7 @@ class Command(Part):
     excludes: tuple[str, ...] = ()
     gap_s: Pause = 0.0
     reset_first_s: Pause = 0.0
-    """For a controller that needs an edge: the rest value is written and held for so long before each press."""
+    """For a controller that needs an edge: the rest value is written and held for this long before each press."""
     min_repeat_s: Pause = 0.0
     """Least time from one press to the next."""
     arrive_within_s: Seconds = 120.0

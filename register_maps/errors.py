@@ -49,7 +49,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A mistake in a map or, as a warning, a possible one, with its cure."""
+    """A mistake in a map or, as a warning, a possible one, with its remedy."""
 
     path: tuple[str | int, ...]
     """The path of keys in the map."""

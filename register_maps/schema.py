@@ -78,12 +78,12 @@ class LinkDefaults(Part):
     max_registers_per_write: int = Field(default=123, strict=True, ge=1, le=123)
     max_bits_per_write: int = Field(default=1968, strict=True, ge=1, le=1968)
     idle_timeout_s: Seconds | None = None
-    """The device closes a connection, or forgets its client, after so long without a request; None: never."""
+    """The device closes a connection, or forgets its client, after this long without a request; None: never."""
     tid_echo: bool = True
     max_age_s: Seconds = 1.0
 
     def silence_s(self, poll_s: float) -> float:
-        """Return how long a connection may be silent that is polled so often: one answer may be missing."""
+        """Return how long a connection may be silent that is polled at this pace: one answer may be missing."""
         return poll_s + self.timeout_s
 
 

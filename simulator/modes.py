@@ -42,7 +42,7 @@ SERVICE: Mapping[Mode, Service] = MappingProxyType(
         Mode.NORMAL: Service(car_calls=True, landing_calls=True, door_buttons=True),
         Mode.ROBOT: Service(car_calls=True, door_buttons=True),
         Mode.INDEPENDENT: Service(car_calls=True, door_buttons=True),
-        # the open button still lets out whoever was in the car when it was taken out of service
+        # the open button still lets out people who were in the car when it was taken out of service
         Mode.OUT_OF_SERVICE: Service(door_buttons=True),
         Mode.EMERGENCY: Service(),
         Mode.FIRE: Service(),

@@ -34,7 +34,7 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class TimedHold:
-    """A hold that the controller lets go of after a time. Seconds are real."""
+    """A hold that the controller releases after a time. Seconds are real."""
 
     for_s: float = 0.0
     """Since its press, no longer than its limit."""
@@ -52,7 +52,7 @@ class NetworkMemory:
     """Commands whose past a setting depends on; an absent command has been at rest for long enough."""
     timed_holds: Mapping[str, TimedHold] = field(default_factory=dict)
     expired: frozenset[str] = frozenset()
-    """Holds that the controller has let go of because their time was over."""
+    """Holds that the controller has released because their time was over."""
     signs_of_life: int = 0
     silent_s: float = 0.0
     """Since the last sign of life, as far as the watchdog needs to know."""

@@ -262,7 +262,7 @@ def _shift(state: State, orders: Orders, dt: float, parameters: Parameters) -> t
 
 
 _Leg = tuple[float, float]
-"""A stretch of constant acceleration: how long it takes, and the speed at its end. A tuple: a moving car is planned anew in
+"""A stretch of constant acceleration: how long it takes, and the speed at its end. A tuple: a moving car is planned again in
 every scan."""
 
 

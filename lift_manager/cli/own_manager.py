@@ -179,7 +179,7 @@ def run_directly(  # noqa: PLR0913  each is needed by one tool or another
 ) -> Answer:
     """Run `work` with an own manager of a site file, and release everything at its end, Ctrl-C, SIGTERM and SIGHUP included.
 
-    `is_recorded`: with the store of the site, so that presses are in its journal and a lockout of before counts. `change` is made to
+    `is_recorded`: with the store of the site, so that presses are in its journal and an earlier lockout counts. `change` is made to
     the loaded site, and `decision` of a person is on the disk before `work` begins. `on_frame` is as of `app.Faces`. Prints a sentence
     and exits with 1 where that fails.
     """

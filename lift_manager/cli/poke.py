@@ -203,7 +203,7 @@ class _Route:
 
 
 def _confirm(trial: Trial, at_panel: str, *, is_interactive: bool) -> str:
-    """Ask whoever is at the terminal; return the name of the technician at the panel, where there has to be one."""
+    """Ask the person at the terminal; return the name of the technician at the panel, where there has to be one."""
     technician = at_panel.strip()
     if trial.latching and not technician:
         if is_interactive:

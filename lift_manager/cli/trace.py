@@ -53,7 +53,7 @@ from register_maps.error_texts import closest
 app = typer.Typer(no_args_is_help=True, help="Record every Modbus frame of a link, and read a recording.")
 
 SILENT_S = 5.0
-"""After so long without a frame the progress names it. Chosen: every lift is polled more often."""
+"""After this long without a frame the progress names the link. Chosen: every lift is polled more often."""
 
 
 def _duration(text: str) -> float:
@@ -281,7 +281,7 @@ class _OwnFrames:
         return datetime.now(UTC) - timedelta(seconds=now_s - first_s), first_s
 
     async def of(self, link: str) -> AsyncGenerator[StreamEvent]:
-        """Yield the frames of a link as a stream does, for ever."""
+        """Yield the frames of a link as a stream does, without end."""
         yield Connected()
         while True:
             frame = await self._waiting.get()

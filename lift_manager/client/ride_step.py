@@ -70,7 +70,7 @@ def step_at(known: KnownRide, reported: RideWord | None, max_age_s: float, now: 
 
 
 def is_unacknowledged(ride: Ride, word: RideWord) -> bool:
-    """Whether a ride shows that the manager has not heard this word yet."""
+    """Whether a ride shows that the manager has not received this report yet."""
     if word is RideWord.ENTERED:
         return ride.phase not in _AFTER_BOARDING
     return word is RideWord.LEFT and (ride.phase not in OVER or ride.maybe_aboard)

@@ -76,7 +76,7 @@ class ActiveSession:
         self._lost_event = asyncio.Event()
         self._closed = False
         self._is_closing = False
-        """The manager is being told; the event of the end may arrive before the reply, and calls for no renewal."""
+        """The close is on its way to the manager; the event of the end may arrive before the reply, and calls for no renewal."""
         self._last_report: RobotWord | None = None
 
     @property

@@ -51,7 +51,7 @@ class SignalSheet:
 
 @dataclass(frozen=True, slots=True)
 class CommandSheet:
-    """One thing the lift can be told."""
+    """One command of the lift."""
 
     name: str
     meaning: str

@@ -1,4 +1,4 @@
-"""Writes the site file of a first lift, with a comment for whoever reads it next. Pure."""
+"""Writes the site file of a first lift, with comments for its next reader. Pure."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def _check_clear_times(
 
 
 def _check_released_holds(key: Key, source: RegisterMap, clearing: str, clear_s: float) -> Iterator[Problem]:
-    """Yield door holds that the controller lets go of too soon for robots."""
+    """Yield door holds that the controller releases too soon for robots."""
     for name, command in source.commands.items():
         released_after_s = command.released_after_s
         if released_after_s is not None and released_after_s < CLEARS_IN_A_LIMIT * clear_s:

@@ -258,14 +258,14 @@ class Controller(_Part):
     min_gap_s: Annotated[float, Field(ge=0, le=10)] | None = None
     reconnect_min_s: Seconds | None = None
     idle_timeout_s: Seconds | None = None
-    """Without a request for so long it closes the connection, or forgets its client."""
+    """After this long without a request it closes the connection, or forgets its client."""
     max_registers_per_read: Annotated[int, Field(strict=True, ge=1, le=125)] | None = None
     max_bits_per_read: Annotated[int, Field(strict=True, ge=1, le=2000)] | None = None
     tid_echo: bool | None = None
     writable_ranges: tuple[SomeRange, ...] = ()
     """What `lift-manager poke --unlock` may write besides the commands of the map; nothing by default."""
     simulated: Annotated[bool, Field(strict=True)] = False
-    """It is a simulator: people who look at its lifts are told. Nothing else depends on it."""
+    """It is a simulator: interfaces for people show that. Nothing else depends on it."""
 
     @property
     def port(self) -> int:

@@ -18,7 +18,7 @@ from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import SECURE_PORT, Site
 
 EXPIRY_WARNING = timedelta(days=30)
-"""Chosen: whoever renews certificates by hand wants a month for it."""
+"""Chosen: a person who renews certificates by hand needs a month for it."""
 ROLE = x509.ObjectIdentifier("1.3.6.1.4.1.50316.802.1")
 """The role in a certificate, one UTF8String: Modbus/TCP Security, R-21, R-22 and R-65."""
 _PEM_ADVICE = "a file in PEM form has lines with BEGIN and END; `openssl` turns other forms into it"

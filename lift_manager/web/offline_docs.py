@@ -7,7 +7,7 @@ from fastapi.openapi.docs import get_redoc_html, get_swagger_ui_html
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
-# A browser that is told this asks nobody but us, whatever a later version of the two scripts would like to load.
+# With this a browser connects to nothing but the manager, whatever a later version of the two scripts would load.
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data:; worker-src blob:; frame-ancestors 'none'; base-uri 'none'"

@@ -17,7 +17,7 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; media-src 'self'; connect-src 'self'; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'"
 )
-"""A browser that is told this runs no script but ours, asks nobody but the manager, and shows the page in no frame of another."""
+"""With this a browser runs no script but ours, connects to nothing but the manager, and shows the page in no frame of another."""
 
 HEADERS = {
     "content-security-policy": POLICY,

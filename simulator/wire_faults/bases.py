@@ -20,7 +20,7 @@ class Limits:
     """How often and when a fault strikes."""
 
     times: int | None = None
-    """At most so often; None: without end."""
+    """How often at most; None: without end."""
     probability: float = 1.0
     """On each occasion."""
     from_s: float = 0.0

@@ -49,7 +49,7 @@ def passwords(text: str) -> set[str]:
 
 
 class Redactor:
-    """Removes what it was told of and what looks like a secret, and counts it."""
+    """Removes known secrets and what looks like one, and counts them."""
 
     def __init__(self, *, with_names: bool = False, hashes: Collection[str] = (), keep: Collection[str] = ()) -> None:
         """`hashes` are no secrets; `keep` are words, such as names of lifts, that are kept although a person has that name too."""
