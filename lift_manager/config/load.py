@@ -28,8 +28,8 @@ from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_
 _MAP_KEYS = {"provenance", "addressing", "served", "signals", "commands"}
 _IS_MAP = "this is a register map and not a site file; a controller of a site file names it, as its `map`"
 _NOT_A_LIFT = {
-    "template": "is a template and was taken from no lift",
-    "simulation": "is that of a simulation",
+    "template": "is a template and was not taken from a real lift",
+    "simulation": "describes a simulation",
 }
 
 

@@ -169,7 +169,7 @@ def test_check_says_of_a_good_site_file_what_is_in_it_and_exits_with_0(answers: 
     assert (done.returncode, done.stderr) == (0, "")
     missing = f"there is no checkout record of it in {state_folder()}"
     assert done.stdout.splitlines() == [
-        "caution: main: map generic-registers is a template and was taken from no lift; compare every signal with the real lift",
+        "caution: main: map generic-registers is a template and was not taken from a real lift; compare every signal with the real lift",
         f"caution: main: robots may use it, and {missing}; test and sign it with `lift-manager checkout good.yaml main`",
         "main: control, floors G, First, Second, map generic-registers (template)",
         "good.yaml: no mistakes",

@@ -105,8 +105,8 @@ def test_a_command_is_a_line_with_its_times_and_what_becomes_of_it(found: IoList
         supplied_by="lift manager",
         remarks=(
             "close_door.front is released first; when the link is lost: the watchdog of the controller releases it; "
-            "1 = open the door and hold it; the controller lets go 3 s after the last write. After 27 s it takes the 1 out of "
-            "its cell, and goes on holding where it is written again"
+            "1 = open the door and hold it; the controller releases it 3 s after the last write. After 27 s it clears the point, "
+            "and keeps holding if it is written again"
         ),
     )
 

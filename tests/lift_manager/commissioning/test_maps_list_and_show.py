@@ -159,8 +159,8 @@ def test_generic_registers_is_shown_in_these_words() -> None:
         "      close_door.front is released first",
         "      proof: the output reads back as written, within 2 s",
         "      when the link is lost: the watchdog of the controller releases it",
-        "      note: 1 = open the door and hold it; the controller lets go 3 s after the last write. After 27",
-        "        s it takes the 1 out of its cell, and goes on holding where it is written again",
+        "      note: 1 = open the door and hold it; the controller releases it 3 s after the last write.",
+        "        After 27 s it clears the point, and keeps holding if it is written again",
     ]
 
 

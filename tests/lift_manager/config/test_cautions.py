@@ -92,10 +92,10 @@ def test_what_a_lift_does_not_show_and_what_was_accepted_are_cautioned_about(tmp
 
 def test_a_map_that_was_taken_from_no_lift_is_cautioned_about(tmp_path: Path) -> None:
     assert about(tmp_path, GENERIC, "template and") == [
-        "main: map generic-registers is a template and was taken from no lift; compare every signal with the real lift"
+        "main: map generic-registers is a template and was not taken from a real lift; compare every signal with the real lift"
     ]
     assert about(tmp_path, TWO_STOP, "compare every signal") == []
-    assert len(about(tmp_path, DEMO, "map thingweb-elevator is that of a simulation")) == 1
+    assert len(about(tmp_path, DEMO, "map thingweb-elevator describes a simulation")) == 1
 
 
 def test_every_change_of_a_map_is_listed_by_its_key(tmp_path: Path) -> None:

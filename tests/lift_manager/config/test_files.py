@@ -60,7 +60,7 @@ def test_check_says_what_each_lift_is_after_its_cautions(tmp_path: Path) -> None
     path = tmp_path / "site.yaml"
     path.write_text(GENERIC, "utf-8")
     assert check_file(path) == [
-        "caution: main: map generic-registers is a template and was taken from no lift; compare every signal with the real lift",
+        "caution: main: map generic-registers is a template and was not taken from a real lift; compare every signal with the real lift",
         "main: control, floors B1, L1, L2, map generic-registers (template)",
         f"{path}: no mistakes",
     ]
