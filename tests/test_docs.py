@@ -3,6 +3,7 @@
 import re
 import shlex
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,25 @@ def test_every_page_of_the_documentation_is_in_its_index() -> None:
     index = ROOT / "docs" / "README.md"
     listed = {(index.parent / link.partition("#")[0]).resolve() for link in links(index)}
     assert [named(page) for page in DOCS if page not in {*listed, index}] == []
+
+
+WITH_MODULES = [
+    *(f"lift_manager/{name}" for name in ("client", "config", "lift", "rides", "rmf", "runtime", "store", "web")),
+    "drivers",
+    "drivers/modbus",
+    "register_maps",
+    "simulator",
+]
+"""Folders whose README, or that of the folder above, says what each of their modules is for."""
+
+
+@each_row("folder", WITH_MODULES)
+def test_the_readme_of_a_folder_names_every_module_in_it(folder: str) -> None:
+    place = ROOT / folder
+    readme = next(at / "README.md" for at in (place, place.parent) if (at / "README.md").is_file())
+    patterns = re.findall(r"`([a-z_0-9*]+\.py)`", readme.read_text("utf-8"))
+    modules = [path.name for path in place.glob("*.py") if path.name != "__init__.py"]
+    assert [name for name in modules if not any(fnmatchcase(name, pattern) for pattern in patterns)] == []
 
 
 def test_pages_link_only_inside_the_repository() -> None:
