@@ -67,8 +67,8 @@ def make(
     if first:
         print_stderr("it is the first key of this site: from now on every request needs one, on this computer too")
         print_stderr(
-            "a robot that is riding now loses its ride: with a key it has another name, and is refused until its old session"
-            " is over. Make the first key while no robot rides; if one does, wait until it is outside, or end its session with"
+            "a robot that rides without a key loses its ride: with a key it has another name, and is refused until its old"
+            " session is over. Make the first key while no robot rides; if one does, wait until it is outside, or end its session with"
             " `lift-manager release`, look into the car, and run `lift-manager ack`"
         )
     _keep_to_owner(sys.stdout)

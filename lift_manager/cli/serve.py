@@ -119,7 +119,11 @@ def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
         keys = KeyFile(path, site.name, open_without_keys=allows_requests_without_keys(site.api, host))
     except StoreError as error:
         raise fail(str(error)) from error
-    live = f"every request needs one of {counted(len(keys.names), 'key')}" if keys.names else "no request needs a key"
+    live = (
+        f"every request needs one of {counted(len(keys.names), 'key')}"
+        if keys.names
+        else "there are none, so no request needs one"
+    )
     _log.info("keys: %s; they are kept in %s", live, path)
     return keys
 

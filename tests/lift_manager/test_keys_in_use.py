@@ -94,7 +94,7 @@ def test_a_robot_holds_the_lift_in_its_own_name_until_an_operator_takes_it(site:
 def test_the_first_key_says_what_it_does_to_a_robot_that_rides_without_one(tmp_path: Path) -> None:
     file = site_file(tmp_path)
     told = [call("keys", "make", file, "--name", name, "--role", "viewer", COLUMNS="400").stderr for name in ("a", "b")]
-    for words in ("rides without a key", "when no robot rides", "`lift-manager release`", "`lift-manager ack`"):
+    for words in ("rides without a key", "while no robot rides", "`lift-manager release`", "`lift-manager ack`"):
         assert words in told[0]
         assert words not in told[1]
 
