@@ -17,19 +17,32 @@ export function ownSession(lift) {
   return sessionStorage.getItem(keptAs(lift));
 }
 
-/** Send a command, in a session that begins if there is none; returns the command with its outcome. */
+/**
+ * Send a command, in a session that begins if there is none; returns the command with its outcome.
+ * A session that begins with a refusal ends again: it would keep robots waiting for nothing.
+ */
 export async function command(api, lift, body) {
-  const session = ownSession(lift) ?? (await open(api, lift));
-  keep(api, lift, session);
-  try {
-    return await api.post(liftPath(lift, `sessions/${session}/commands?wait=${OUTCOME_WITHIN_S}`), body);
-  } catch (error) {
-    if (!isOver(error)) throw error;
-    forget(lift);
-    const next = await open(api, lift);
-    keep(api, lift, next);
-    return api.post(liftPath(lift, `sessions/${next}/commands?wait=${OUTCOME_WITHIN_S}`), body);
+  const session = ownSession(lift);
+  if (session !== null) {
+    try {
+      return await send(api, lift, session, body);
+    } catch (error) {
+      if (!isOver(error)) throw error;
+      forget(lift);
+    }
   }
+  const begun = await open(api, lift);
+  keep(api, lift, begun);
+  try {
+    return await send(api, lift, begun, body);
+  } catch (error) {
+    if (error.status !== 0) await close(api, lift);
+    throw error;
+  }
+}
+
+function send(api, lift, session, body) {
+  return api.post(liftPath(lift, `sessions/${session}/commands?wait=${OUTCOME_WITHIN_S}`), body);
 }
 
 export async function close(api, lift) {
