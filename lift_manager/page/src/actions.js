@@ -2,6 +2,7 @@
 
 import { html, useEffect, useRef, useState } from "../vendor/htm-preact.js";
 import { liftPath } from "./api.js";
+import { commandText, isFireOver, occupantWithoutSession } from "./facts.js";
 import { close, command, ownSession, resume } from "./sessions.js";
 
 const NAME = "lift-manager-person";
@@ -16,8 +17,8 @@ const DECISIONS = [
   { key: "end_drain", path: "drain/end", fits: (lift) => lift.restrictions.drain },
 ];
 
-function needsAcknowledgement({ restrictions }) {
-  return restrictions.fire_latched || restrictions.maybe_occupied_by || restrictions.distrusted;
+function needsAcknowledgement(lift) {
+  return isFireOver(lift) || occupantWithoutSession(lift) || lift.restrictions.distrusted;
 }
 
 export function Actions({ record, api, texts }) {
@@ -59,7 +60,8 @@ function Calls({ lift, capabilities, api, texts, run, busy }) {
   const send = (body) =>
     run(async () => {
       const { status, proof, reason } = await command(api, lift.name, body);
-      return { failed: status !== "confirmed" && status !== "pending", text: word(`result.${status}`, proof), detail: reason };
+      const text = `${commandText([body.do, body.floor].join(" "), texts)}: ${word(`result.${status}`, proof)}`;
+      return { failed: status !== "confirmed" && status !== "pending", text, detail: reason };
     });
   const mine = ownSession(lift.name) !== null && lift.session !== null;
   const holds = capabilities.commands.some((name) => name.startsWith("hold_door"));
@@ -70,8 +72,8 @@ function Calls({ lift, capabilities, api, texts, run, busy }) {
       ${holds && html`<label><input type="checkbox" checked=${hold} onChange=${(event) => setHold(event.target.checked)} /> ${t("actions.and_hold")}</label>`}
     </fieldset>
     <div class="buttons">
-      ${holds && html`<button type="button" aria-disabled=${busy ? "true" : "false"} onClick=${() => send({ do: "hold_door" })}>${t("actions.hold")}</button>`}
-      ${mine && html`<button type="button" aria-disabled=${busy ? "true" : "false"} onClick=${() => send({ do: "let_go_door" })}>${t("actions.release_door")}</button>`}
+      ${mine && holds && html`<button type="button" aria-disabled=${busy ? "true" : "false"} onClick=${() => send({ do: "hold_door" })}>${t("actions.hold")}</button>`}
+      ${mine && holds && html`<button type="button" aria-disabled=${busy ? "true" : "false"} onClick=${() => send({ do: "let_go_door" })}>${t("actions.release_door")}</button>`}
       ${mine && html`<button type="button" aria-disabled=${busy ? "true" : "false"}
         onClick=${() => run(async () => { await close(api, lift.name); return { text: t("actions.released") }; })}>${t("actions.release")}</button>`}
     </div>

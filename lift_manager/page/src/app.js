@@ -3,7 +3,7 @@
 import { Component, html } from "../vendor/htm-preact.js";
 import { Card } from "./card.js";
 import { Details } from "./details.js";
-import { troubles, worst } from "./facts.js";
+import { SIGNS, troubles, worst } from "./facts.js";
 import { Languages } from "./languages.js";
 import { LiftTable } from "./table.js";
 
@@ -81,8 +81,8 @@ function Summary({ records, connection, texts }) {
   const cut = connection === "cut" || records.some(({ shown }) => shown.lost);
   const tone = alarms ? "alarm" : warnings || cut ? "warn" : "plain";
   const parts = [t("summary.lifts", { n: records.length })];
-  if (alarms) parts.push(`⛔ ${t("summary.alarms", { n: alarms })}`);
-  if (warnings) parts.push(`⚠ ${t("summary.warnings", { n: warnings })}`);
-  if (cut) parts.push(`⚠ ${t("connection.cut")}`);
+  if (alarms) parts.push(`${SIGNS.alarm} ${t("summary.alarms", { n: alarms })}`);
+  if (warnings) parts.push(`${SIGNS.warn} ${t("summary.warnings", { n: warnings })}`);
+  if (cut) parts.push(`${SIGNS.warn} ${t("connection.cut")}`);
   return html`<p class=${`summary ${tone}`} role="status">${parts.join(" · ")}</p>`;
 }

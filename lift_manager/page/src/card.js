@@ -2,10 +2,8 @@
 
 import { Component, html } from "../vendor/htm-preact.js";
 import { Age, HeldFor } from "./clock.js";
-import { doorText, holder, place, troubles, worst } from "./facts.js";
+import { SIGNS, doorText, holder, motion, place, troubles, worst } from "./facts.js";
 import { Shaft } from "./shaft.js";
-
-const SIGNS = { warn: "⚠", alarm: "⛔" };
 
 export class Card extends Component {
   shouldComponentUpdate(next) {
@@ -27,22 +25,17 @@ export class Card extends Component {
       <${Shaft} record=${record} texts=${texts} />
       <div class="facts">
         <p class="place">${known && lift.floor !== null ? lift.floor : "–"}</p>
-        <p>${place(lift, record.lastFloor, texts)}</p>
+        <p class="where">${place(lift, record.lastFloor, texts)}</p>
         <p>${t("facts.doors")}: ${doorText(lift, texts)}</p>
-        <p>${known ? word("motion", lift.motion) : ""}${goalText(lift, texts)}</p>
+        <p>${known ? motion(lift, texts) : ""}</p>
         <p>${holder(lift, texts)} <${HeldFor} record=${record} texts=${texts} /></p>
         ${lift.waiting > 0 && html`<p>${t("facts.waiting", { n: lift.waiting })}</p>`}
-        <p class="quiet"><${Age} record=${record} texts=${texts} /></p>
+        <p class="data quiet"><${Age} record=${record} texts=${texts} /></p>
       </div>
       <${Troubles} found=${found} />
       ${capabilities?.simulated && html`<div class="watermark" aria-hidden="true" data-text=${t("simulated")}></div>`}
     </article>`;
   }
-}
-
-function goalText(lift, { t }) {
-  const goes = lift.quality === "live" && lift.session && lift.destination !== null && lift.destination !== lift.floor;
-  return goes ? ` → ${t("facts.goal", { floor: lift.destination })}` : "";
 }
 
 /** What is wrong, each with a sign and a word, so that colour alone says nothing. */

@@ -4,7 +4,7 @@ import { html, useEffect, useRef, useState } from "../vendor/htm-preact.js";
 import { liftPath } from "./api.js";
 import { Troubles } from "./card.js";
 import { Age, HeldFor, useNow } from "./clock.js";
-import { doorText, duration, holder, holderName, place, troubles } from "./facts.js";
+import { commandText, doorText, duration, holder, holderName, motion, place, troubles } from "./facts.js";
 import { grown } from "./freshness.js";
 import { Shaft } from "./shaft.js";
 
@@ -40,7 +40,7 @@ function Facts({ record, texts }) {
     ["mode", word("mode", lift.mode)],
     ["place", place(lift, record.lastFloor, texts)],
     ["doors", doorText(lift, texts)],
-    ["motion", word("motion", lift.motion)],
+    ["motion", motion(lift, texts)],
     ["robot_door", lift.quality === "live" ? word("robot_door", lift.robot_door) : t("door.unknown")],
     ["holder", html`${holder(lift, texts)} <${HeldFor} record=${record} texts=${texts} />`],
     ["age", html`<${Age} record=${record} texts=${texts} />`],
@@ -62,7 +62,7 @@ function Rides({ rides, waiting, texts }) {
     <p>${t("facts.waiting", { n: waiting ?? "–" })}</p>
     ${rides.length > 0 && html`<ul>${rides.map((ride) => html`<li key=${ride.id}>
       <strong>${ride.robot || holderName(ride.caller)}</strong>: ${t("rides.trip", { from: ride.from, to: ride.to })}, ${word("phase", ride.phase)},
-      ${" "}${word("guidance", ride.guidance)}${ride.ahead ? `, ${t("rides.ahead", { n: ride.ahead })}` : ""} <span lang="en">${ride.reason}</span></li>`)}</ul>`}
+      ${" "}${word("guidance", ride.guidance)}${ride.ahead ? `, ${t("rides.ahead", { n: ride.ahead })}` : ""}${ride.reason && html` – <span lang="en">${ride.reason}</span>`}</li>`)}</ul>`}
   </section>`;
 }
 
@@ -75,13 +75,6 @@ function Commands({ commands, texts }) {
       ${" "}${word(`result.${one.result}`, one.proof)} <span lang="en">${one.reason}</span>
       ${" "}<span class="quiet">${t("time.ago", { time: duration(grown(0, one.at, now), t) })}</span></li>`)}</ul>`}
   </section>`;
-}
-
-/** `go_to L2` or `hold_door.front` in words. */
-function commandText(command, { word }) {
-  const [whole, ...floor] = command.split(" ");
-  const [name, side] = whole.split(".");
-  return [word("command", name), floor.join(" "), side && side !== "front" ? `(${word("side", side)})` : ""].filter(Boolean).join(" ");
 }
 
 function Signals({ name, api, texts }) {

@@ -18,7 +18,7 @@ export function troubles(lift, { t, word }) {
   const found = [];
   const add = (tone, text, detail = "") => found.push({ tone, text, detail });
   if (ALARM_MODES.has(lift.mode)) add("alarm", t(`trouble.${lift.mode}`));
-  if (restrictions.fire_latched) add("alarm", t("trouble.fire_latched"));
+  if (isFireOver(lift)) add("alarm", t("trouble.fire_latched"));
   if (lift.lost) add("warn", t("trouble.lost"));
   else if (lift.quality !== "live") add("warn", t("trouble.offline"), lift.reason);
   else if (!ALARM_MODES.has(lift.mode) && !QUIET_MODES.has(lift.mode)) add("warn", t("trouble.mode", { mode: word("mode", lift.mode) }));
@@ -27,17 +27,30 @@ export function troubles(lift, { t, word }) {
   }
   if (restrictions.lockout) add("warn", t("trouble.lockout"), restrictions.lockout);
   if (restrictions.drain) add("warn", t("trouble.drain"), restrictions.drain);
-  // the robot of a session that goes on is where it should be
-  const left = restrictions.maybe_occupied_by;
-  if (left && holderName(left) !== lift.session?.name) add("warn", t("trouble.occupied", { who: holderName(left) }));
+  const occupant = occupantWithoutSession(lift);
+  if (occupant) add("warn", t("trouble.occupied", { who: occupant }));
   if (restrictions.distrusted) add("warn", t("trouble.distrusted"), restrictions.distrusted);
   return found;
+}
+
+/** Whether a person has to acknowledge a fire: only once the lift reports it no more. */
+export function isFireOver({ mode, restrictions }) {
+  return restrictions.fire_latched && mode !== "fire";
+}
+
+/** Whose robot may be in the car without a session; null if nobody's. The robot of a session that goes on is where it should be. */
+export function occupantWithoutSession({ restrictions, session }) {
+  const occupant = restrictions.maybe_occupied_by;
+  return occupant && holderName(occupant) !== session?.name ? holderName(occupant) : null;
 }
 
 /** The worst tone of some troubles. */
 export function worst(found) {
   return TONES[Math.max(0, ...found.map(({ tone }) => TONES.indexOf(tone)))];
 }
+
+/** The sign before a trouble of each tone: characters that a browser has without fonts for emoji. */
+export const SIGNS = { warn: "⚠", alarm: "‼" };
 
 /** Where the car is. */
 export function place(lift, lastFloor, { t }) {
@@ -65,6 +78,12 @@ export function holderName(holder) {
   return name.join(":") || face;
 }
 
+/** What the car does, and where its holder sends it. */
+export function motion(lift, { t, word }) {
+  const goes = lift.quality === "live" && lift.session && lift.destination !== null && lift.destination !== lift.floor;
+  return goes ? `${word("motion", lift.motion)}, ${t("facts.goal", { floor: lift.destination })}` : word("motion", lift.motion);
+}
+
 /** Who holds the lift. */
 export function holder(lift, { t }) {
   if (lift.lost) return t("holder.unknown");
@@ -78,9 +97,16 @@ export function sentence(lift, lastFloor, texts) {
     texts.word("mode", lift.mode),
     place(lift, lastFloor, texts),
     doorText(lift, texts),
-    lift.motion === "unknown" ? "" : texts.word("motion", lift.motion),
+    lift.motion === "unknown" ? "" : motion(lift, texts),
     holder(lift, texts),
     ...troubles(lift, texts).map(({ text }) => text),
   ];
   return `${lift.name}: ${parts.filter(Boolean).join("; ")}`;
+}
+
+/** `go_to L2` or `hold_door.front` in words. */
+export function commandText(command, { word }) {
+  const [whole, ...floor] = command.split(" ");
+  const [name, side] = whole.split(".");
+  return [word("command", name), floor.join(" "), side && side !== "front" ? `(${word("side", side)})` : ""].filter(Boolean).join(" ");
 }

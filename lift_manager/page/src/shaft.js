@@ -64,7 +64,6 @@ function Car({ lift, lastFloor, floorY }) {
     <rect class="cabin" x=${CAR_X} y="0" width=${CAR_WIDTH} height=${CAR_HEIGHT} rx="2" />
     ${front && html`<${Leaves} door=${front} y=${3} height=${CAR_HEIGHT - 6} />`}
     ${rear && html`<${Leaves} door=${rear} y=${front ? -2 : 3} height=${front ? 4 : CAR_HEIGHT - 6} />`}
-    ${lift.floor !== null && html`<text class="on-car" x=${CAR_X + CAR_WIDTH / 2} y=${CAR_HEIGHT / 2 + 0.5} text-anchor="middle" dominant-baseline="central">${floor}</text>`}
     <${Arrow} motion=${lift.motion} />
   </g>`;
 }

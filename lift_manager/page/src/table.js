@@ -2,7 +2,7 @@
 
 import { html } from "../vendor/htm-preact.js";
 import { Age, HeldFor } from "./clock.js";
-import { doorText, holder, place, troubles } from "./facts.js";
+import { doorText, holder, motion, place, troubles } from "./facts.js";
 
 const COLUMNS = ["lift", "mode", "place", "doors", "motion", "holder", "waiting", "age", "trouble"];
 
@@ -25,7 +25,7 @@ function Row({ record, texts, onOpen }) {
     <td>${texts.word("mode", lift.mode)}</td>
     <td>${place(lift, record.lastFloor, texts)}</td>
     <td>${doorText(lift, texts)}</td>
-    <td>${texts.word("motion", lift.motion)}</td>
+    <td>${motion(lift, texts)}</td>
     <td>${holder(lift, texts)} <${HeldFor} record=${record} texts=${texts} /></td>
     <td>${lift.waiting ?? "–"}</td>
     <td><${Age} record=${record} texts=${texts} /></td>

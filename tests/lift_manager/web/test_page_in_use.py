@@ -141,13 +141,56 @@ def test_an_operator_needs_nothing_but_a_keyboard(tmp_path: Path) -> None:
     asyncio.run(use())
 
 
+def test_a_call_says_what_came_of_it_and_a_session_that_begins_with_a_refusal_ends(tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, site, address, _):
+            site.lifts["lift"] = replace(IDLE, floors=("L1", "L2", "L3"))
+            await tab.open(f"{address}/?lang=en")
+            await tab.until("document.querySelectorAll('.card .open').length === 2")
+            await tab_to(tab, CARD)
+            await tab.press("Enter")
+            await tab.until("document.querySelector('.floors button')")
+            await tab_to(tab, "L3")
+            await tab.press("Enter")
+            await tab.sees("Refused. no floor 'L3'")
+            assert [kind for kind, *_ in site.done] == ["open", "command", "close"]
+            await tab_to(tab, "L2")
+            await tab.press("Enter")
+            await tab.sees("Call to L2: done, the lift shows it")
+            assert [kind for kind, *_ in site.done[3:]] == ["open", "command"]
+
+    asyncio.run(use())
+
+
+@pytest.mark.parametrize(("mode", "said", "offered"), [(Mode.FIRE, "Fire.", False), (Mode.NORMAL, "There was", True)])
+def test_a_fire_is_over_before_anybody_is_asked_to_acknowledge_it(
+    mode: Mode, said: str, offered: bool, tmp_path: Path
+) -> None:
+    async def use() -> None:
+        async with shown(tmp_path) as (tab, site, address, _):
+            burnt = replace(IDLE.restrictions, fire_latched=True)
+            site.lifts = {"lift": replace(IDLE, mode=mode, restrictions=burnt)}
+            await tab.open(f"{address}/?lang=en")
+            await tab.until("document.querySelector('.card .open')")
+            await tab_to(tab, CARD)
+            await tab.press("Enter")
+            await tab.until("document.querySelector('dialog .actions button')")
+            troubles = "[...document.querySelectorAll('dialog .trouble strong')].map((trouble) => trouble.innerText)"
+            (trouble,) = await tab.value(troubles)
+            assert trouble.startswith(said)
+            buttons = "[...document.querySelectorAll('dialog .actions button')].map((button) => button.innerText)"
+            assert ("Acknowledge" in await tab.value(buttons)) is offered
+
+    asyncio.run(use())
+
+
 def test_the_table_has_every_fact_of_the_pictures(tmp_path: Path) -> None:
     async def use() -> None:
         async with shown(tmp_path) as (tab, _, address, _):
             await tab.open(f"{address}/?lang=en")
             await tab.until("document.querySelectorAll('.card .trouble').length === 1")
             facts = "[...document.querySelectorAll('.facts p:not(.place):not(.quiet), .trouble strong, .mode')].map(p => p.innerText)"
-            said = {fact.split("→")[0].removeprefix("Doors: ").strip() for fact in await tab.value(facts)}
+            said = {fact.removeprefix("Doors: ").strip() for fact in await tab.value(facts)}
             assert "Fire. Robots are stopped." in said
             await tab.value("document.querySelector('nav button').click()")
             await tab.until("document.querySelectorAll('table.lifts tbody tr').length === 2")
@@ -186,14 +229,17 @@ def test_a_wall_draws_few_lifts_large_and_many_so_that_all_fit(tmp_path: Path) -
         async with shown(tmp_path) as (tab, site, address, _):
             await tab.look(width=1920, height=1080)
             sizes = []
-            for count in (1, 6, 24):
-                site.lifts = {f"lift-{n}": replace(IDLE, lift=f"lift-{n}") for n in range(count)}
+            for count in (1, 6, 24, 60):
+                modes = [Mode.FIRE if number % 4 == 0 else Mode.NORMAL for number in range(count)]
+                site.lifts = {f"lift-{n}": replace(IDLE, lift=f"lift-{n}", mode=mode) for n, mode in enumerate(modes)}
                 await tab.open(f"{address}/wall")
                 await tab.until(f"document.querySelectorAll('.card').length === {count}")
                 await tab.until("document.documentElement.style.fontSize")
                 sizes.append(await tab.value("parseFloat(document.documentElement.style.fontSize)"))
                 assert await tab.value("document.scrollingElement.scrollHeight <= innerHeight"), count
-            assert sizes[0] > sizes[1] > 16 > sizes[2] > 9
+                cards = "[...document.querySelectorAll('.card')]"
+                assert await tab.value(f"{cards}.every((card) => card.scrollHeight <= card.clientHeight)"), count
+            assert sizes[0] > sizes[1] > sizes[2] > 16 > sizes[3] > 12
 
     asyncio.run(use())
 
