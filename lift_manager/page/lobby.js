@@ -30,7 +30,7 @@ class Lobby extends Component {
     const { key, tone, values } = message(lift, store.ridesOf(name));
     return html`<main class=${`tone-${tone} ${key === "unknown" ? "unknown" : ""}`} data-message=${key}>
       <h1>${capabilities?.display_name || lift.name}</h1>
-      <p class="floor" aria-label=${t("place.at", { floor: lift.floor ?? "?" })}>${lift.floor ?? "–"}</p>
+      <p class="floor" style=${{ "--letters": (lift.floor ?? "").length || 1 }} aria-label=${t("place.at", { floor: lift.floor ?? "?" })}>${lift.floor ?? "–"}</p>
       <p class="message" role="status">${t(`lobby.${key}`, values)}</p>
       ${silenced && html`<p class="mute"><svg viewBox="0 0 24 24" role="img" aria-label=${t("lobby.mute")}><path d="M3 9v6h4l5 5V4L7 9zM15 9l6 6m0-6l-6 6" /></svg></p>`}
       ${capabilities?.simulated && html`<p class="simulated">${t("simulated")}</p>`}

@@ -45,7 +45,7 @@ export class App extends Component {
     return html`
       <header class="top">
         <h1>${t("title")}</h1>
-        <${Summary} records=${records} connection=${store.connection} texts=${texts} />
+        ${store.connection !== "login" && html`<${Summary} records=${records} connection=${store.connection} texts=${texts} />`}
         ${!wall && html`<nav aria-label=${t("nav")}>
           <button aria-pressed=${table ? "true" : "false"} onClick=${() => this.#showTable(!table)}>${t("view.table")}</button>
           <${Languages} texts=${texts} />

@@ -68,7 +68,7 @@ export function doors(lift, { t, word }) {
 
 export function doorText(lift, texts) {
   return doors(lift, texts)
-    .map(([side, door]) => (side ? `${side}: ${door}` : door))
+    .map(([side, door]) => (side ? `${side} ${door}` : door))
     .join(", ");
 }
 

@@ -1,6 +1,7 @@
 """The page for everybody: with a keyboard alone, a screen reader, a phone, on a wall, in the dark; in a real browser."""
 
 import asyncio
+import itertools
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -18,6 +19,7 @@ from tests.lift_manager.web.keyed import ring
 from tests.lift_manager.web.listening import Happening
 from tests.support.axe_core import problems
 from tests.support.devtools import Tab, chromium
+from tests.support.rows import each_row
 
 pytestmark = pytest.mark.external("chromium")
 
@@ -220,6 +222,34 @@ def test_no_view_is_wider_than_a_phone(tmp_path: Path) -> None:
             await tab.open(f"{address}/?lang=en")
             await open_lockout(tab)
             assert await tab.value("(d => d.scrollWidth - d.clientWidth)(document.querySelector('dialog'))") <= 0
+
+    asyncio.run(use())
+
+
+@each_row(
+    "floors", [("Basement", "Ground"), ("Car park of the north building", "L1"), tuple(f"L{n}" for n in range(1, 41))]
+)
+def test_names_of_floors_are_whole_and_readable(floors: tuple[str, ...], tmp_path: Path) -> None:
+    async def use() -> None:
+        async with shown(tmp_path / str(len(floors[0]))) as (tab, site, address, _):
+            site.lifts["lift"] = replace(IDLE, floors=floors, floor=floors[0])
+            await tab.look(width=1280, height=800)
+            await tab.open(f"{address}/?lang=en")
+            await tab.until("document.querySelectorAll('.card').length === 2")
+            names = "[...document.querySelectorAll('.card:first-of-type .floor text')]"
+            assert floors[0] in await tab.value(f"{names}.map((name) => name.textContent)")
+            assert await tab.value(f"{names}.every((name) => name.getBBox().x >= 0)")
+            edges = await tab.value(
+                f"{names}.map((name) => name.getBoundingClientRect()).map((it) => [it.top, it.bottom])"
+            )
+            assert all(bottom - top > 8 for top, bottom in edges)
+            # the lowest floor comes first
+            assert all(above[1] <= below[0] + 2 for below, above in itertools.pairwise(edges))
+            for width, height in ((1280, 800), (360, 740)):
+                await tab.look(width=width, height=height)
+                await tab.open(f"{address}/lobby/lift?lang=en")
+                await tab.until("document.querySelector('.floor')")
+                assert await tab.value("document.scrollingElement.scrollWidth <= innerWidth")
 
     asyncio.run(use())
 

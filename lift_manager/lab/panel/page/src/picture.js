@@ -25,7 +25,7 @@ export function Picture({ lift, lost, texts, act }) {
   return html`<section class="picture" style=${{ "--floors": lift.floors.length }} aria-label=${t("panel.picture")}>
     <div class="shaft-row">
       ${buttons("landing", lift.car.landing_calls)}
-      <div><span class="heading" aria-hidden="true">${lift.name}</span><${Shaft} record=${{ shown, lastFloor: lift.car.last_floor }} texts=${texts} label=${`${lift.name}: ${facts.map(([, text]) => text).join("; ")}`} /></div>
+      <div><span class="heading" aria-hidden="true">${lift.name}</span><${Shaft} record=${{ shown, lastFloor: lift.car.last_floor }} texts=${texts} whole label=${`${lift.name}: ${facts.map(([, text]) => text).join("; ")}`} /></div>
       ${buttons("car", lift.car.car_calls)}
     </div>
     <dl>${facts.map(([name, text]) => html`<div key=${name}><dt>${name}</dt><dd>${text}</dd></div>`)}</dl>
@@ -40,7 +40,7 @@ function factsOf({ car, is_on_network }, { t, word }) {
   return [
     [t("facts.mode"), [word("mode", car.mode), ...marks.map(([, key]) => t(key))].join(", ")],
     [t("facts.place"), car.floor === null ? t("place.left", { floor: car.last_floor }) : t(car.is_level ? "place.at" : "panel.near", { floor: car.floor })],
-    [t("facts.doors"), doors.map(([side, door]) => (doors.length > 1 ? `${word("side", side)}: ${word("door", door)}` : word("door", door))).join(", ")],
+    [t("facts.doors"), doors.map(([side, door]) => (doors.length > 1 ? `${word("side", side)} ${word("door", door)}` : word("door", door))).join(", ")],
     [t("facts.motion"), car.destination === null || car.destination === car.floor ? word("motion", car.motion) : `${word("motion", car.motion)}, ${t("facts.goal", { floor: car.destination })}`],
     [t("panel.controller"), t(is_on_network ? "panel.answers" : "panel.silent")],
   ];

@@ -31,7 +31,7 @@ function Row({ register, unknown, change, texts }) {
       ${!unknown && register.is_obeyed === false && html` <span class="was">⚠ ${t("register.not_obeyed")}</span>`}</td>
     <td class="number">${raw}${!unknown && readBack !== null && html` <span class="was">${t("register.reads", { value: readBack.join(" ") })}</span>`}</td>
     <td>${register.addresses.join(", ")}</td>
-    <td>${register.wire}</td>
+    <td>${register.wire.replaceAll(/ (?=\d)/g, "\u00a0")}</td>
     <td>${!unknown && writer !== null && html`${writer} <span class="quiet">${t("time.ago", { time: duration(register.written_s, t) })}</span>`}</td>
   </tr>`;
 }
