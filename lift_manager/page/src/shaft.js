@@ -15,7 +15,7 @@ const LEAF = { open: 0.12, closed: 1, opening: 0.55, closing: 0.55, moving: 0.55
 /** The measures of a shaft with these floors. */
 function measured(floors, whole) {
   const floor = whole ? ROOM : Math.min(ROOM, Math.max(4, HEIGHT / floors.length));
-  const name = whole ? 0 : Math.min(LONGEST_NAME, Math.max(NAME, ...floors.map((one) => one.length * LETTER)));
+  const name = whole ? 18 : Math.min(LONGEST_NAME, Math.max(NAME, ...floors.map((one) => one.length * LETTER)));
   const carHeight = Math.max(LEAST_CAR_HEIGHT, floor - 4);
   return { floor, name, carHeight, carX: name + 14, width: name + CAR_WIDTH + 46, every: Math.ceil(LINE / floor) };
 }

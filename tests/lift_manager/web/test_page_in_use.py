@@ -217,7 +217,7 @@ def test_no_view_is_wider_than_a_phone(tmp_path: Path) -> None:
                 (f"{locked}/?lang=de", ".login input"),
             ):
                 await tab.open(url)
-                await tab.until(f"document.querySelector('{ready}')")
+                await tab.until(f"document.readyState === 'complete' && document.querySelector('{ready}')")
                 assert await tab.value(wide) <= 0, url
             await tab.open(f"{address}/?lang=en")
             await open_lockout(tab)
