@@ -63,7 +63,7 @@ export class App extends Component {
                 capabilities=${record.capabilities} texts=${texts} onOpen=${onOpen} />`,
             )}</div>`}
       </main>
-      ${opened && html`<${Details} key=${open} record=${opened} store=${store} api=${api} texts=${texts} Actions=${Actions}
+      ${opened && store.connection !== "login" && html`<${Details} key=${open} record=${opened} store=${store} api=${api} texts=${texts} Actions=${Actions}
         onClose=${() => this.setState({ open: null })} />`}`;
   }
 
@@ -82,7 +82,7 @@ function Summary({ records, connection, texts }) {
   const tone = alarms ? "alarm" : warnings || cut ? "warn" : "plain";
   const parts = [t("summary.lifts", { n: records.length })];
   if (alarms) parts.push(`${SIGNS.alarm} ${t("summary.alarms", { n: alarms })}`);
-  if (warnings) parts.push(`${SIGNS.warn} ${t("summary.warnings", { n: warnings })}`);
+  if (warnings && !cut) parts.push(`${SIGNS.warn} ${t("summary.warnings", { n: warnings })}`);
   if (cut) parts.push(`${SIGNS.warn} ${t("connection.cut")}`);
   return html`<p class=${`summary ${tone}`} role="status">${parts.join(" · ")}</p>`;
 }
