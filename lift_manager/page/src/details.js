@@ -9,10 +9,13 @@ import { grown } from "./freshness.js";
 import { Shaft } from "./shaft.js";
 
 const SIGNALS_EVERY_MS = 1000;
+/** Signals that say why a car does not leave. */
+const REPORTS = ["obstruction", "overload"];
 
 export function Details({ record, store, api, texts, Actions, onClose }) {
   const { t } = texts;
   const { shown: lift, capabilities } = record;
+  const signals = useSignals(lift.name, api);
   const dialog = useRef(null);
   useEffect(() => dialog.current.showModal(), []);
   return html`<dialog ref=${dialog} class=${`details ${lift.quality === "live" ? "" : "unknown"}`} aria-labelledby="details-title" onClose=${onClose}>
@@ -24,16 +27,16 @@ export function Details({ record, store, api, texts, Actions, onClose }) {
     <${Troubles} found=${troubles(lift, texts)} />
     <div class="overview">
       <${Shaft} record=${record} texts=${texts} />
-      <${Facts} record=${record} texts=${texts} />
+      <${Facts} record=${record} signals=${signals} texts=${texts} />
     </div>
     ${Actions && html`<${Actions} record=${record} api=${api} texts=${texts} />`}
     <${Rides} rides=${store.ridesOf(lift.name)} waiting=${lift.waiting} texts=${texts} />
     <${Commands} commands=${record.commands} texts=${texts} />
-    <${Signals} name=${lift.name} api=${api} texts=${texts} />
+    <${Signals} signals=${signals} texts=${texts} />
   </dialog>`;
 }
 
-function Facts({ record, texts }) {
+function Facts({ record, signals, texts }) {
   const { t, word } = texts;
   const { shown: lift, capabilities } = record;
   const rows = [
@@ -45,6 +48,8 @@ function Facts({ record, texts }) {
     ["holder", html`${holder(lift, texts)} <${HeldFor} record=${record} texts=${texts} />`],
     ["age", html`<${Age} record=${record} texts=${texts} />`],
   ];
+  const reports = signals.filter(({ name, value, old }) => !old && value === true && REPORTS.includes(name.split(".")[0]));
+  if (reports.length > 0) rows.push(["reports", reports.map(({ name }) => reportText(name, Object.keys(lift.doors), texts)).join(", ")]);
   if (lift.restrictions.waiting_for) rows.push(["waiting_for", html`<span lang="en">${lift.restrictions.waiting_for}</span>`]);
   if (capabilities) {
     rows.push(["access", word("access", capabilities.access)], ["map", `${capabilities.map} (${capabilities.trust})`]);
@@ -54,6 +59,12 @@ function Facts({ record, texts }) {
     rows.push(["not_visible", html`${signal}: <span lang="en">${why}</span>`]);
   }
   return html`<dl>${rows.map(([key, value]) => html`<div key=${`${key}${value}`}><dt>${t(`facts.${key}`)}</dt><dd>${value}</dd></div>`)}</dl>`;
+}
+
+/** `obstruction.rear` in words, with the side where there is another. */
+function reportText(signal, sides, { word }) {
+  const [name, side] = signal.split(".");
+  return sides.length > 1 && side ? `${word("report", name)} (${word("side", side)})` : word("report", name);
 }
 
 function Rides({ rides, waiting, texts }) {
@@ -77,8 +88,8 @@ function Commands({ commands, texts }) {
   </section>`;
 }
 
-function Signals({ name, api, texts }) {
-  const { t } = texts;
+/** The signals of a lift, read every second, each with its `age` in seconds by now and whether that is too `old`. */
+function useSignals(lift, api) {
   const [answer, setAnswer] = useState(null);
   const now = useNow();
   useEffect(() => {
@@ -88,7 +99,7 @@ function Signals({ name, api, texts }) {
       asking = true;
       const at = performance.now();
       try {
-        setAnswer({ at, ...(await api.get(liftPath(name, "signals"))) });
+        setAnswer({ at, ...(await api.get(liftPath(lift, "signals"))) });
       } catch {
         // what was read last stays, and its age grows
       }
@@ -97,16 +108,20 @@ function Signals({ name, api, texts }) {
     ask();
     const timer = setInterval(ask, SIGNALS_EVERY_MS);
     return () => clearInterval(timer);
-  }, [name]);
-  if (answer === null) return html`<section><h3>${t("signals.title")}</h3><p>${t("loading")}</p></section>`;
+  }, [lift]);
+  return (answer?.signals ?? []).map((signal) => {
+    const age = grown(signal.age_s, answer.at, now);
+    return { ...signal, age, old: age === null || age > answer.max_age_s + SIGNALS_EVERY_MS / 1000 };
+  });
+}
+
+function Signals({ signals, texts }) {
+  const { t } = texts;
+  if (signals.length === 0) return html`<section><h3>${t("signals.title")}</h3><p>${t("loading")}</p></section>`;
   return html`<section><h3>${t("signals.title")}</h3><div class="scroll" tabindex="0" role="region" aria-label=${t("signals.title")}><table>
     <thead><tr>${["name", "value", "raw", "address", "age"].map((key) => html`<th scope="col" key=${key}>${t(`signals.${key}`)}</th>`)}</tr></thead>
-    <tbody>${answer.signals.map((signal) => {
-      const age = grown(signal.age_s, answer.at, now);
-      const old = age === null || age > answer.max_age_s + SIGNALS_EVERY_MS / 1000;
-      return html`<tr key=${signal.name} class=${old ? "unknown" : ""}><th scope="row">${signal.name}</th>
-        <td>${signal.value === null ? "–" : String(signal.value)}${old && html` <em>${t("signals.old")}</em>`}</td>
-        <td>${signal.raw ?? "–"}</td><td>${signal.addresses.join(", ")}</td>
-        <td>${age === null ? t("age.never") : duration(age, t)}</td></tr>`;
-    })}</tbody></table></div></section>`;
+    <tbody>${signals.map(({ name, value, raw, addresses, age, old }) => html`<tr key=${name} class=${old ? "unknown" : ""}><th scope="row">${name}</th>
+        <td>${value === null ? "–" : String(value)}${old && html` <em>${t("signals.old")}</em>`}</td>
+        <td>${raw ?? "–"}</td><td>${addresses.join(", ")}</td>
+        <td>${age === null ? t("age.never") : duration(age, t)}</td></tr>`)}</tbody></table></div></section>`;
 }

@@ -1,4 +1,4 @@
-"""The page of the demo in a real browser: a ride, a lost controller, and a fire that an operator acknowledges."""
+"""The page of the demo in a real browser: a ride, people, a lost controller, and a fire that an operator acknowledges."""
 
 import asyncio
 from pathlib import Path
@@ -53,6 +53,10 @@ def test_the_page_shows_what_happens_to_the_lifts_of_the_demo(tmp_path: Path) ->
             await tab.until("document.querySelector('dialog tbody td')")
             await ride_of_a_robot(api, tab)
             await tab.sees("Call to L2 (amr-7): done")
+
+            await lifts.post("lift/inputs", json={"obstruction": ["front"], "overload": True})
+            await tab.sees("something in the door, too much load")
+            await lifts.post("lift/inputs", json={"obstruction": [], "overload": False})
 
             await lifts.post("tower/faults/begin", json={"name": "drop_request", "values": {}})
             await tab.until("document.querySelector('[data-lift=tower].unknown .hatched')")
