@@ -216,6 +216,10 @@ class LiftActor:
             raise RuntimeError(f"{self.config.name}: {happened} came from within another input")
         self._is_taking = True
         try:
+            if not isinstance(happened, Tick | Reading | ReadFailed) and _now() >= self.inbox.wake_at:
+                self._step(
+                    Tick()
+                )  # what is over by now is over for what comes now, though its timer was not called yet
             return self._step(happened)
         finally:
             self._is_taking = False

@@ -18,7 +18,7 @@ from lift_manager.lift.events import (
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.refusals import Refusal
-from lift_manager.lift.session import Advice, EndReason
+from lift_manager.lift.session import Advice, EndReason, Holder
 from lift_manager.lift.state import Quality
 from lift_manager.runtime.recorder import MemoryRecorder
 from register_maps.words import Door, Mode, Motion
@@ -395,6 +395,24 @@ def test_its_holder_may_still_let_go_of_the_door_before_it_is_released(withdraw:
         assert made.state.holder is None
 
     on_spine(check)
+
+
+def test_a_request_at_the_moment_of_the_end_does_not_put_it_off() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        loop, ends_at = asyncio.get_running_loop(), asyncio.get_running_loop().time() + made.actor.config.clear_s
+        holders: list[Holder | None] = []
+
+        def repeat() -> None:
+            made.refuse("L1")
+            holders.append(made.state.holder)
+
+        loop.call_at(ends_at, repeat)  # before the timer of the end, as on a busy machine
+        made.site.lock_out("lift", "M. Weber", "new ropes")
+        await elapse(made.actor.config.clear_s)
+        assert holders == [None]
+
+    on_bench(check, PLAIN, poll_s=0.9)
 
 
 def test_a_fire_does_not_wait_for_a_door_that_a_person_has_withdrawn() -> None:
