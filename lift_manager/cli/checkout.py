@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.padding import Padding
 from rich.table import Table
+from rich.text import Text
 
 from drivers.errors import ConnectFailed, ControllerTaken, LockUnusable
 from lift_manager.cli.checkout_access import SiteAccess, hold_door
@@ -106,6 +108,13 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
         Path | None,
         typer.Option(metavar="FILE", help="Keep the findings of `doctor --json` in the record, as the state as left."),
     ] = None,
+    conditions: Annotated[
+        bool,
+        typer.Option(
+            "--conditions",
+            help="Ask again what has to be so before the test: on another day, under another permit, or after a wrong answer.",
+        ),
+    ] = False,
     new: Annotated[
         bool, typer.Option("--new", help="Begin another test; the record of the last one is kept beside it.")
     ] = False,
@@ -143,7 +152,7 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
             return
         people = _people(by, technician, witness, record)
         access = SiteAccess(loaded, lift)
-        how = _Manner(probe_identity, open_socket(phone) if phone else None)
+        how = _Manner(probe_identity, conditions, open_socket(phone) if phone else None)
         if record is None:
             record = _begin(loaded, lift, stage, plan, people, identity)
         else:
@@ -165,6 +174,8 @@ class _Manner:
     """How a test is run."""
 
     probe_identity: bool
+    renew_conditions: bool
+    """Whether to ask for the preconditions although the record has them."""
     phone: socket.socket | None
     """Where the page for a second person is served; None for no page."""
 
@@ -188,6 +199,8 @@ def _run(
             out.print(text, markup=False, highlight=False)
         try:
             await _identify(test, access, probe_identity=how.probe_identity)
+            if how.renew_conditions:
+                await test.renew_conditions()
             if how.phone is None:
                 await test.run(items)
             else:
@@ -238,6 +251,7 @@ async def _identify(test: Checkout, access: SiteAccess, *, probe_identity: bool)
     """Take the fingerprint of the controller, and compare it with that of the beginning."""
     if probe_identity:
         out.print(f"probe identity: {RISKS[Probe.IDENTITY]}", markup=False, highlight=False)
+    out.print("reading the fingerprint of the controller; some seconds", markup=False, highlight=False)
     async with access.registers() as registers:
         found = await registers.fingerprint(probe_identity=probe_identity)
     if probe_identity:
@@ -409,12 +423,14 @@ def _show_list(plan: tuple[Item, ...], record: Record | None) -> None:
 
 def _report_end(record: Record, path: Path) -> None:
     found = verdict(record)
-    lines = [f"{record.lift}, {record.stage}: {found.text}"]
-    lines += [f"  {one}: {record.newest[one].note}" for one in (*found.failed, *found.skipped)]
-    lines.append(f"record: {path}, sha256 {record.sha256[:16]}")
+    out.print(f"{record.lift}, {record.stage}: {found.text}", markup=False, highlight=False)
+    for one in (*found.failed, *found.skipped):
+        out.print(Padding(Text(f"{one}: {record.newest[one].note}"), (0, 0, 0, 2)))
+    print_lines([f"record: {path}, sha256 {record.sha256[:16]}"])
     if found.remaining:
-        lines.append("the same command continues; `--failed` does failed items again")
-    print_lines(lines)
+        print_lines(["the same command continues; `--failed` does failed items again"])
+    elif not found.is_signed:
+        print_lines(["not signed as it is now; the same command asks for what is left"])
     if found.remaining:
         raise typer.Exit(NOT_COMPLETE)
     if not found.passed:

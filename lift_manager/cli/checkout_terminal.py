@@ -68,11 +68,14 @@ class TerminalPerson:
                     self.actions[line]()
                 case "note" if rest:
                     notes.append(rest)
+                    self.show("kept beside the answer")
                 case "seen" if rest:
                     seen_by = rest
+                    self.show("kept beside the answer")
                 case "photo" if rest:
                     if path := _file(rest):
                         photos.append(path)
+                        self.show(f"kept beside the answer: {path}")
                     else:
                         self.show(f"there is no file {rest}")
                 case _ if word in _ENDS and (rest or not question.is_text):

@@ -32,7 +32,7 @@ class Closing:
         for entry in record.punch:
             if entry.is_open and not entry.is_accepted:
                 reply = await self._answer(
-                    f"Open point {entry.number}, {entry.item}: {entry.text} How bad is it: A no robots before it is mended, B may be used"
+                    f"Open point {entry.number}, {entry.item}: {entry.text.rstrip('.')}. How bad is it: A no robots before it is mended, B may be used"
                     " under a condition, C a remark?",
                     str(entry.number),
                     choices=tuple(severity.value for severity in Severity),
@@ -72,11 +72,10 @@ class Closing:
 
     async def _as_built(self) -> AsBuiltChange | None:
         """Return one difference to the approved I/O list; None if there is no other."""
-        subject = await self._text(
-            "Anything built differently from the approved I/O list? Name the point, or press ENTER for none.",
-            "as_built",
-        )
-        if not subject:
+        question = "Anything built differently from the approved I/O list? Name the point, or press ENTER for none."
+        while (subject := await self._text(question, "as_built")).casefold() in ("y", "yes"):
+            question = "Which point is built differently?"
+        if subject.casefold() in ("", "n", "no", "none"):
             return None
         return AsBuiltChange(
             subject=subject,

@@ -45,6 +45,13 @@ class ItemKind(StrEnum):
 SIGNALS_GROUP, COMMANDS_GROUP, FLOORS_GROUP = "Signals", "Commands", "Floors and doors"
 ABNORMAL_GROUP, TRIPS_GROUP, ROBOT_GROUP = "Abnormal cases", "Robot trips", "The real robot"
 
+BY_THE_MANAGER = frozenset({"robot_mode_on", "may_enter", "may_leave", "call_accepted"})
+"""Signals that answer commands: they are seen during a trip."""
+BY_TRAVEL = frozenset({"level", "door_zone"})
+"""Flags that change as the car leaves a floor and comes to the next one."""
+BY_BUTTONS = frozenset({"destination", "calls_registered"})
+"""Floors that show where the car is sent, and not where it is."""
+
 PROOF_KINDS = frozenset({ItemKind.FIRE, ItemKind.WATCHDOG, ItemKind.TRIPS})
 """What the yearly proof test repeats."""
 
@@ -140,7 +147,7 @@ class _Plan:
                 SIGNALS_GROUP,
                 f"{name}: {SIGNAL_MEANINGS[name]}",
                 _signal_action(signal),
-                f"It follows, and nothing else changes. Coding: {coding}.",
+                f"{_signal_expected(signal)} Coding: {coding}.",
                 digest=self._digest_of([name]),
                 subject=name,
                 points=self._signal_points(signal),
@@ -330,18 +337,41 @@ class _Plan:
 _PLACE = ("car_floor", "car_position", "level", "motion")
 
 
+_ELSEWHERE = "Send the car to another floor with its own buttons."
+_TWO_FLOORS = "Send the car to two floors with its own buttons, and say where it is."
+_READ = "Read it for some seconds."
+_ACTION_OF: Mapping[str, str] = {
+    **dict.fromkeys(BY_THE_MANAGER, "The manager takes the empty car to another floor as for a robot, after a yes."),
+    **dict.fromkeys(BY_TRAVEL, f"{_ELSEWHERE} Then the lift technician disconnects and reconnects its wire."),
+    **dict.fromkeys((*BY_BUTTONS, "car_position"), _ELSEWHERE),
+    "load": "Step into the car, or put a known weight into it.",
+}
+_ACTION_BY_KIND: Mapping[Kind, str] = {
+    Kind.FLOOR: _TWO_FLOORS,
+    Kind.FLOORS: _TWO_FLOORS,
+    Kind.DOOR: "Open and close the door with its own buttons.",
+    Kind.MOTION: "Send the car up and down with its own buttons.",
+    Kind.MODE: "Put the lift into another service with its key, and back into normal service.",
+    Kind.COUNTER: _READ,
+    Kind.NUMBER: _READ,
+    Kind.FLAG: "Make it true, then false again; then the lift technician disconnects and reconnects its wire.",
+}
+
+
 def _signal_action(signal: SignalCodec) -> str:
+    return _ACTION_OF.get(signal.name) or _ACTION_BY_KIND[signal.kind]
+
+
+def _signal_expected(signal: SignalCodec) -> str:
     match signal.kind:
-        case Kind.FLOOR | Kind.FLOORS:
-            return "Send the car to two floors with its own buttons, and say where it is."
-        case Kind.DOOR:
-            return "Open and close the door with its own buttons."
-        case Kind.MOTION:
-            return "Send the car up and down with its own buttons."
-        case Kind.COUNTER | Kind.NUMBER:
-            return "Read it for some seconds."
+        case Kind.COUNTER:
+            return "It changes by itself."
+        case Kind.NUMBER if signal.name not in ("car_position", "load"):
+            return "The value is right."
+        case Kind.FLAG | Kind.DOOR | Kind.MODE if signal.name not in BY_THE_MANAGER | BY_TRAVEL:
+            return "It follows, and nothing else changes."
         case _:
-            return "Make it true, then false again; then the lift technician disconnects and reconnects its wire."
+            return "It follows."
 
 
 def _command_expected(command: CommandCodec) -> str:

@@ -34,6 +34,8 @@ SLOT_FREE_WITHIN_S = 30.0
 """How long a controller may count the connection of a killed manager as open. Chosen: half of what is watched."""
 WATCHED_FOR_S = 60.0
 """For how long the door is watched. Chosen."""
+SHOWN_EVERY_S = 20.0
+"""How often the time left is shown during a long look. Chosen."""
 LANDING_S = 20.0
 """How long a landing call has to take the car away. Chosen."""
 
@@ -66,7 +68,7 @@ async def check_power(step: Step, lift: WatchedLift) -> None:
         if not await _back(step, watch):
             return
         back = watch.newest
-        await asyncio.sleep(BOOT_WATCHED_S)
+        await step.wait(BOOT_WATCHED_S, "it answers again; watching what it shows while it starts")
         invited = [s for s in watch.samples if s.at >= back.at and s.is_live and s.lift.robot_door == "open"]
         sides = [side for side in Side if f"door.{side}" in step.codec.signals]
         for side in sides:
@@ -100,6 +102,7 @@ async def check_fire(step: Step, lift: WatchedLift) -> None:
             if not await step.yes("Does the lift do its own fire recall, with no robot?", Prompt.SHOWN, subject="fire"):
                 step.problem("the lift does not do its fire recall while the manager is connected")
         await step.done("Take the fire signal back, and reset the fire panel and the lift.", Prompt.FIRE, value="off")
+        step.person.show(f"waiting until the fire is over at the controller: at most {BACK_WITHIN_S:g} s")
         if not await watch.until(lambda sample: sample.is_live and not _on_fire(sample, latched=False), BACK_WITHIN_S):
             step.problem(f"the fire is still shown at {where} after it was taken back")
         if not watch.newest.lift.restrictions.fire_latched and not step.problems:
@@ -117,7 +120,7 @@ async def check_robot_mode(step: Step, lift: WatchedLift) -> None:
         await step.done(
             f"Wait until the door is closed, and press the landing button of {floor}.", Prompt.LANDING, value=floor
         )
-        await asyncio.sleep(LANDING_S)
+        await step.wait(LANDING_S, "watching whether the car stays")
         if not await step.yes(f"Is the car still at {here}?", Prompt.STAYED):
             step.problem(
                 f"the car left for a landing call although {at(step, 'robot_mode')} is on: the lift ignores it"
@@ -132,7 +135,7 @@ async def check_robot_mode(step: Step, lift: WatchedLift) -> None:
         shows = [name for name in ("robot_mode_on", "robots_allowed", "mode") if name in step.codec.signals]
         if shows and not await watch.until(_without_robot_mode, RELEASED_WITHIN_S):
             step.problem(
-                f"robot mode was taken away, and {', '.join(at(step, name) for name in shows)} does not show it"
+                f"robot mode was taken away, and it does not show at {', '.join(at(step, name) for name in shows)}"
             )
         elif shows:
             await _refuses_to_call(step, watch, held, floor)
@@ -152,13 +155,12 @@ async def _refuses_to_call(step: Step, watch: Watch, held: ActiveSession, floor:
 
 async def check_quiet(step: Step, registers: Registers) -> None:
     """Watch all registers while no manager runs: nothing may write outputs, and no signal may change by itself."""
-    step.person.show(
-        f"watching all inputs and outputs for {WATCHED_S:g} s while nothing is written; nobody touches the lift"
-    )
-    await asyncio.sleep(QUIET_FIRST_S)
+    await step.wait(QUIET_FIRST_S, "nobody touches the lift now; first it comes to rest")
     first = await registers.look()
     loop = asyncio.get_running_loop()
+    step.person.show(f"watching all inputs and outputs while nothing is written: {WATCHED_S:g} s")
     ends_at = loop.time() + WATCHED_S
+    left_s = WATCHED_S - SHOWN_EVERY_S
     changed: dict[str, list[str]] = {}
     for name, code in first.outputs.items():
         if code is not None and not step.codec.commands[name].spec.is_heartbeat:
@@ -166,6 +168,9 @@ async def check_quiet(step: Step, registers: Registers) -> None:
     looks = 1
     while loop.time() < ends_at:
         await asyncio.sleep(0.2)
+        if 0 < ends_at - loop.time() < left_s:
+            step.person.show(f"{left_s:g} s left")
+            left_s -= SHOWN_EVERY_S
         now = await registers.look()
         looks += 1
         for name, text in _differences(step, first, now):
@@ -251,6 +256,7 @@ async def _lets_go(step: Step, registers: Registers, sides: list[Side], killed_a
         ):
             step.figures["let_go_s"] = round(loop.time() - killed_at, 1)
         return
+    step.person.show(f"the manager is killed; watching when the door is let go: at most {WATCHED_FOR_S:g} s")
     while loop.time() < killed_at + WATCHED_FOR_S:
         now = await registers.look()
         if all(now.signals[name] is not Door.OPEN for name in shown_by):
@@ -266,6 +272,7 @@ async def _hold_here(step: Step, lift: WatchedLift, watch: Watch, held: ActiveSe
 
 
 async def _lost(step: Step, watch: Watch) -> None:
+    step.person.show(f"waiting until the manager notices: at most {NOTICED_WITHIN_S:g} s")
     if not await watch.until(lambda sample: not sample.is_live, NOTICED_WITHIN_S):
         step.problem(
             f"the manager still reads this lift {NOTICED_WITHIN_S:g} s later: that was another cable or controller, or a gateway answers for it"
@@ -278,13 +285,14 @@ async def _back(step: Step, watch: Watch) -> bool:
     """Wait for the controller, and see that no call is pressed by itself; return whether it is back."""
     lost_at, loop = watch.newest.at, asyncio.get_running_loop()
     began = loop.time()
+    step.person.show(f"waiting until the controller answers again: at most {BACK_WITHIN_S:g} s")
     if not await watch.until(lambda sample: sample.is_live, BACK_WITHIN_S):
         step.problem(
             f"the controller does not answer again within {BACK_WITHIN_S:g} s: is a connection slot still taken?"
         )
         return False
     step.figures["back_s"] = round(loop.time() - began, 1)
-    await asyncio.sleep(RELEASED_WITHIN_S)
+    await step.wait(RELEASED_WITHIN_S, "watching whether anything is pressed by itself")
     calls = {one for one in watch.pressed(lost_at) if step.codec.commands[one.partition(" ")[0]].is_call}
     if calls:
         step.problem(f"a call was pressed again without a request: {', '.join(sorted(calls))}")

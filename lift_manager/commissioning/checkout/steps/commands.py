@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from lift_manager.commissioning.checkout.lift import Watch, WatchedLift
 from lift_manager.commissioning.checkout.person import Prompt
 from lift_manager.commissioning.checkout.steps.press import DOOR_WITHIN_S, call, other_floor, ride, session
@@ -121,7 +119,7 @@ async def _hold(step: Step, lift: WatchedLift, watch: Watch, side: Side) -> None
     await step.may_move(f"The manager opens the {side} door at {floor} and holds it. Is everybody clear?")
     async with session(lift) as held:
         came = await call(step, lift, watch, held, floor, hold=True)
-        await asyncio.sleep(HOLD_S)
+        await step.wait(HOLD_S, "the door is held")
         real = await step.yes(
             f"Did the {side} door open, and does it stay open? It has been held for {HOLD_S:g} s.",
             Prompt.HOLDS,
@@ -158,7 +156,7 @@ async def _close(step: Step, lift: WatchedLift, watch: Watch, side: Side) -> Non
 
 async def _heartbeat(step: Step, watch: Watch, name: str) -> None:
     every_s = step.codec.commands[name].spec.every_s or 1.0
-    await asyncio.sleep(BEATS * every_s + 1.0)
+    await step.wait(BEATS * every_s + 1.0, "watching the beats")
     beats = [write.beat for write in watch.writes if write.beat is not None]
     step.saw(f"{len(beats)} beats within {BEATS * every_s + 1.0:g} s, every {every_s:g} s by the map")
     step.figures["beats"] = len(set(beats))

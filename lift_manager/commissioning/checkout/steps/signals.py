@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 
 from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
 from lift_manager.commissioning.checkout.person import Prompt
+from lift_manager.commissioning.checkout.plan import BY_BUTTONS, BY_THE_MANAGER, BY_TRAVEL
 from lift_manager.commissioning.checkout.steps.press import other_floor, ride
 from lift_manager.commissioning.checkout.steps.step import Step, at, raw_text, shown
 from register_maps.meanings import SIGNAL_MEANINGS
@@ -18,11 +18,12 @@ CHANGES_WITHIN_S = 10.0
 """How long a counter may stand still, where the map has no limit of its own. Chosen."""
 ON_ITS_OWN = frozenset({"alive", "car_position", "load", "mode"})
 """Signals that may change beside any other."""
-BY_THE_MANAGER = frozenset({"robot_mode_on", "may_enter", "may_leave", "call_accepted"})
-"""Signals that answer commands: they are seen during a trip."""
-BY_TRAVEL = frozenset({"level", "door_zone"})
-"""Flags that change as the car leaves a floor and comes to the next one."""
-BY_BUTTONS = frozenset({"destination", "calls_registered"})
+SERVICES = {
+    "independent": "Put the lift into independent service",
+    "out_of_service": "Put the lift out of service",
+    "inspection": "Put the lift under inspection",
+}
+"""What a key can do at most lifts, the easiest first."""
 TECHNICIAN = "Only the lift technician does this, at the controller: never in the safety chain, never in the shaft."
 
 
@@ -65,7 +66,7 @@ def _make_text(name: str, *, expected: bool) -> str:
 async def _disconnect(step: Step, watch: Watch, name: str, rest: object) -> None:
     before = watch.newest
     await step.done(f"Disconnect the wire of {at(step, name)}. {TECHNICIAN}", Prompt.DISCONNECT, subject=name)
-    await asyncio.sleep(FOLLOWS_WITHIN_S)
+    await step.wait(FOLLOWS_WITHIN_S, "watching what it shows without its wire")
     broken = watch.newest.value(name)
     step.saw(f"disconnected: {raw_text(watch.newest, name)}")
     if broken == before.value(name) and name in SAFETY_FLAGS:
@@ -88,9 +89,9 @@ async def _mode(step: Step, watch: Watch, name: str) -> None:
     rest = watch.newest.value(name)
     step.saw(f"at rest: {raw_text(watch.newest, name)}")
     values = step.codec.map.signals[name].values or {}
-    expected = next((mode for mode in ("independent", "out_of_service", "inspection") if mode in values.values()), "")
+    expected = next((mode for mode in SERVICES if mode in values.values()), "")
     if expected:
-        await _follow(step, watch, name, f"Put the lift into {expected} with its key. {TECHNICIAN}", expected)
+        await _follow(step, watch, name, f"{SERVICES[expected]} with its key. {TECHNICIAN}", expected)
     await _follow(step, watch, name, "Put the lift into normal service.", rest if expected else "normal")
 
 
@@ -112,7 +113,9 @@ async def _floor(step: Step, watch: Watch, name: str) -> None:
 async def _sent(step: Step, watch: Watch, name: str) -> None:
     floor = other_floor(step, watch.newest)
     before = watch.newest
-    await step.done(f"Send the car to {floor} with its own buttons.", Prompt.SEND, value=floor)
+    await step.done(
+        f"Send the car to {floor} with its own buttons, and wait until it stands.", Prompt.SEND, value=floor
+    )
     seen = watch.changed(before).get(name, [])
     step.saw(f"{name} showed {', '.join(map(shown, seen)) or 'no change'}")
     if not any(floor in str(value) for value in seen):
@@ -122,10 +125,11 @@ async def _sent(step: Step, watch: Watch, name: str) -> None:
 
 
 async def _motion(step: Step, watch: Watch, name: str) -> None:
-    await step.done(f"Send the car to {step.floors[0]} with its own buttons.", Prompt.SEND, value=step.floors[0])
+    sent = "Send the car to {} with its own buttons, and wait until it stands."
+    await step.done(sent.format(step.floors[0]), Prompt.SEND, value=step.floors[0])
     for floor, way in ((step.floors[-1], "up"), (step.floors[0], "down")):
         before = watch.newest
-        await step.done(f"Send the car to {floor} with its own buttons.", Prompt.SEND, value=floor)
+        await step.done(sent.format(floor), Prompt.SEND, value=floor)
         seen = watch.changed(before).get(name, [])
         if way not in seen:
             what = f"it showed {', '.join(map(shown, seen))}" if seen else "it did not change"
@@ -170,7 +174,9 @@ async def _number(step: Step, watch: Watch, name: str) -> None:
     before = watch.newest
     if name == "car_position":
         floor = other_floor(step, before)
-        await step.done(f"Send the car to {floor} with its own buttons.", Prompt.SEND, value=floor)
+        await step.done(
+            f"Send the car to {floor} with its own buttons, and wait until it stands.", Prompt.SEND, value=floor
+        )
         if not watch.changed(before).get(name):
             step.problem(
                 f"{at(step, name)} did not change while the car travelled{_instead(step, watch, before, name)}"
@@ -220,7 +226,7 @@ async def _follow(
     before = watch.newest
     await step.done(text, Prompt.MAKE, subject=name, value=shown(expected))
     follows = await watch.until(_shows(name, expected), within_s)
-    step.saw(f"{text} {name} shows {raw_text(watch.newest, name)}")
+    step.saw(f"{name} shows {raw_text(watch.newest, name)}")
     if not follows:
         step.problem(
             f"{at(step, name)} shows {raw_text(watch.newest, name)}, not {shown(expected)}{_instead(step, watch, before, name)}"

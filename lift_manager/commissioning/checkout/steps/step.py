@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -54,6 +55,11 @@ class Step:
     def saw(self, text: str) -> None:
         """Note evidence."""
         self.evidence.append(text)
+
+    async def wait(self, seconds: float, text: str) -> None:
+        """Wait, and let the person know for what and how long."""
+        self.person.show(f"{text}: {seconds:g} s")
+        await asyncio.sleep(seconds)
 
     async def choose(self, text: str, topic: Prompt, *choices: str, subject: str = "", value: str = "") -> str:
         """Return one of the choices. Raises Settled."""

@@ -76,7 +76,9 @@ async def _trip(
 
 
 def _text(trip: Trip) -> str:
+    words = {"called_s": "car there after"}
     figures = ", ".join(
-        f"{name.removesuffix('_s').replace('_', ' ')} {value:g} s" for name, value in trip.figures.items()
+        f"{words.get(name) or name.removesuffix('_s').replace('_', ' ')} {value:g} s"
+        for name, value in trip.figures.items()
     )
     return figures if trip.is_complete else f"not completed, {trip.text}"

@@ -13,6 +13,7 @@ from lift_manager.commissioning.checkout.engine import Checkout, NotConfirmed
 from lift_manager.commissioning.checkout.person import Prompt, Question, Reply
 from lift_manager.commissioning.checkout.plan import ItemKind, make_plan
 from lift_manager.commissioning.checkout.record import Outcome, Record, Severity, Stage, Topic, load, save, verdict
+from lift_manager.commissioning.checkout.report.words import current
 from tests.support.checkout_rig import LIFT, Rig, TruthfulPerson, check_out, new_record, site_of
 from tests.support.virtual_time import run_virtual
 
@@ -69,6 +70,22 @@ def test_preconditions_are_asked_once_and_again_before_each_abnormal_case(tmp_pa
         again = Checkout(record, lambda _: None, person, rig, rig.codec, ["plc"])
         await again.run([item for item in record.items if item.id == "R-02"])
         assert len(again.record.preconditions) == 10
+
+    run_virtual(main, limit_s=30000.0)
+
+
+def test_preconditions_are_asked_again_on_request_and_the_last_answer_counts(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        record = await check_out(rig, ["R-01"])
+        person = TruthfulPerson(rig, {(Prompt.PRECONDITION, Topic.PERMIT): Reply("P-882")})
+        again = Checkout(record, lambda _: None, person, rig, rig.codec, ["plc"])
+        await again.renew_conditions()
+        permits = [one.value for one in again.record.preconditions if one.topic is Topic.PERMIT]
+        assert permits == ["the permit", "P-882"]
+        assert [one.value for one in current(again.record.preconditions) if one.topic is Topic.PERMIT] == ["P-882"]
 
     run_virtual(main, limit_s=30000.0)
 
@@ -216,6 +233,38 @@ def test_at_the_end_points_are_settled_the_lift_is_handed_back_and_the_record_si
     run_virtual(main, limit_s=30000.0)
 
 
+class Says(TruthfulPerson):
+    """Answers questions of the end with these lines, the others with the truth."""
+
+    def __init__(self, rig: Rig, lines: dict[str, list[str]]) -> None:
+        super().__init__(rig)
+        self._lines = lines
+
+    async def answer(self, question: Question) -> Reply:
+        if question.topic is Prompt.CLOSING and self._lines.get(question.subject):
+            self.questions.append(question)
+            return Reply(self._lines[question.subject].pop(0))
+        return await super().answer(question)
+
+
+@pytest.mark.parametrize(
+    ("lines", "changes"), [(["none"], []), (["No"], []), (["yes", "fire", ""], ["fire"]), (["y", ""], [])]
+)
+def test_a_yes_or_no_to_as_built_changes_is_no_name_of_a_point(
+    tmp_path: Path, lines: list[str], changes: list[str]
+) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        record = await check_out(rig, ["R-01"])
+        test = Checkout(record, lambda _: None, Says(rig, {"as_built": lines}), rig, rig.codec, ["plc"])
+        await test.close()
+        assert [one.subject for one in test.record.as_built] == changes
+
+    run_virtual(main, limit_s=30000.0)
+
+
 def test_in_the_factory_nobody_is_asked_about_passengers(tmp_path: Path) -> None:
     loaded = site_of(tmp_path)
 
@@ -225,6 +274,7 @@ def test_in_the_factory_nobody_is_asked_about_passengers(tmp_path: Path) -> None
         record = await check_out(rig, ["R-01"], person=person, stage=Stage.FAT)
         asked = {question.subject for question in person.questions if question.topic is Prompt.PRECONDITION}
         assert Topic.CAR_EMPTY not in asked
+        assert person.told.count("without the real lift and robot: `na` with the reason; it is done at the lift") == 1
         assert {entry.reason for entry in record.preconditions if not entry.is_met} == {
             "factory acceptance test: no passengers"
         }

@@ -108,3 +108,27 @@ def test_every_shipped_map_has_an_item_for_each_signal_and_command(tmp_path: Pat
     assert len({item.id for item in items}) == len(items)
     for kind, names in (("signal", source.signals.keys() - source.derived), ("command", source.commands.keys())):
         assert {item.subject for item in items if item.kind == kind} == names
+
+
+@pytest.mark.parametrize(
+    ("number", "action", "expected"),
+    [
+        ("S-01", "Send the car to two floors", "It follows. "),
+        ("S-02", "Send the car to another floor", "It follows. "),
+        ("S-03", "The manager takes the empty car to another floor", "It follows. "),
+        ("S-06", "Put the lift into another service with its key", "It follows, and nothing else changes."),
+        ("S-07", "Read it for some seconds", "It changes by itself."),
+        (
+            "S-17",
+            "Send the car to another floor with its own buttons. Then the lift technician disconnects",
+            "It follows. ",
+        ),
+        ("S-19", "The manager takes the empty car to another floor", "It follows. "),
+        ("S-23", "Make it true, then false again", "It follows, and nothing else changes."),
+    ],
+)
+def test_an_item_announces_what_its_procedure_asks_for(tmp_path: Path, number: str, action: str, expected: str) -> None:
+    loaded = site_of(tmp_path, "generic-registers", {"L1": 1, "L2": 2, "L3": 3})
+    items = {item.id: item for item in make_plan(loaded, LIFT, Stage.SAT)}
+    assert items[number].action.startswith(action)
+    assert items[number].expected.startswith(expected)

@@ -84,6 +84,28 @@ def test_a_heartbeat_is_seen_on_the_wire(tmp_path: Path) -> None:
     run_virtual(main, limit_s=30000.0)
 
 
+@pytest.mark.parametrize(
+    ("item", "shown"),
+    [
+        ("A-01", ["watching all inputs and outputs while nothing is written: 60 s", "40 s left", "20 s left"]),
+        ("A-03", ["waiting until the manager notices: at most 15 s", "waiting until the controller answers again"]),
+        ("A-06", ["watching whether the car stays: 20 s"]),
+        ("C-10", ["the door is held: 15 s"]),
+    ],
+)
+def test_a_person_is_shown_what_is_waited_for_and_how_long(tmp_path: Path, item: str, shown: list[str]) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        rig = Rig(loaded)
+        person = TruthfulPerson(rig)
+        await check_out(rig, [item], person=person)
+        lines = iter(person.told)
+        assert all(any(line.startswith(text) for line in lines) for text in shown), person.told
+
+    run_virtual(main, limit_s=30000.0)
+
+
 class OneSlot(Rig):
     """A controller that counts the connection of a killed manager as open for some seconds."""
 
