@@ -123,10 +123,16 @@ def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Me
         if (message := _misfit(signal, position, width)) is not None:
             yield ("positions", code), message.replace("code", "position", 1)
     ordered = sorted(positions.items(), key=lambda item: item[1])
+    is_between = bool(signal.unknown)
     for (low, low_at), (high, high_at) in itertools.pairwise(ordered):
-        if high_at - low_at <= 2 * tolerance + 1:
-            message = f"with a tolerance of {tolerance} the car would be at floors {low} and {high} at once; give a smaller one"
+        if high_at - low_at <= 2 * tolerance:
+            cure = "give a smaller one" if tolerance else "give each a position of its own"
+            message = f"with a tolerance of {tolerance} the car would be at floors {low} and {high} at once; {cure}"
             yield ("tolerance",), message
+        is_between |= high_at - low_at > 2 * tolerance + 1
+    if len(positions) > 1 and not is_between:
+        message = "no value is left for a car that is at no floor; list one under `unknown`, such as what the controller shows at its start"
+        yield ("positions",), message
 
 
 def _width(source: RegisterMap, signal: Signal) -> int:
@@ -213,7 +219,9 @@ def _level(kind: Kind, signal: Signal, width: int) -> Messages:
         unsigned = signal.type in ("uint16", "uint32") and width > 1
         counts = kind in (Kind.FLOOR, Kind.NUMBER) or bool(signal.thresholds)
         if _form_of(signal) in _BELONGS["code"] and not (unsigned and counts):
-            cure = "use `type: uint16`" if counts and width > 1 else "remove `code`"
+            cure = "remove `code`"
+            if counts and width > 1:
+                cure = "use `type: uint16`, and for a floor with a sign `positions`"
             yield ("code",), f"BCD is for a floor or a number in several bits, without a sign; {cure}"
     elif "code" in signal.model_fields_set and _form_of(signal) in _BELONGS["code"] and not coded:
         cure = "use `type: uint16`" if kind is Kind.FLOOR and width > 1 else "remove `code`"

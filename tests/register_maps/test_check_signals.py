@@ -47,7 +47,7 @@ FORMS: list[Mistake] = [
     ("fewer codes than floors", LAMPS, LAMPS[:-1] + ", codes: [0, 1]}", "signals.calls_registered.codes", "has 2 entries for 3 bits"),
     ("a code for two floors", LAMPS, LAMPS.replace('"coil:0", "coil:1", "coil:2"', '"coil:50", "coil:51", "coil:52"')[:-1] + ", codes: [0, 1, 0]}", "signals.calls_registered.codes[2]", "code 0 is given twice"),
     ("lamps of a floor that is never shown", LAMPS, LAMPS.replace('"coil:0", "coil:1", "coil:2"', '"coil:50", "coil:51", "coil:52"')[:-1] + ", codes: [0, 1, 7]}", "signals.calls_registered.codes", "car_floor only reports codes 0 to 2; a floor is never shown: 7"),
-    ("BCD with a sign", CODE, 'destination: {at: "input:0", as: floor, type: int16, code: bcd}', "signals.destination.code", "without a sign; use `type: uint16`"),
+    ("BCD with a sign", CODE, 'destination: {at: "input:0", as: floor, type: int16, code: bcd}', "signals.destination.code", "without a sign; use `type: uint16`, and for a floor with a sign `positions`"),
     ("BCD in a flag", ENTER, ENTER[:-1] + ", code: bcd}", "signals.may_enter.code", "BCD is for a floor or a number in several bits"),
     ("a reserved code beyond BCD", CODE, 'destination: {at: "input:0", as: floor, code: bcd, none: [10000]}', "signals.destination.none[0]", "16 bits of BCD hold 0 to 9999"),
     ("bytes of a bit", ENTER, ENTER[:-1] + ", byte_order: low_first}", "signals.may_enter.byte_order", "is for whole registers"),
@@ -80,6 +80,8 @@ BY_POSITION = 'car_position: {at: "input:3", positions: {0: 100, 1: 4000, 2: 800
 POSITIONS: list[Mistake] = [
     ("a position that does not fit", BY_POSITION, BY_POSITION.replace("8000", "70000"), "signals.car_position.positions[2]", "position 70000 does not fit: 16 bits of uint16 hold 0 to 65535"),
     ("floors that are one", BY_POSITION, BY_POSITION.replace("tolerance: 20", "tolerance: 1950"), "signals.car_position.tolerance", "with a tolerance of 1950 the car would be at floors 0 and 1 at once"),
+    ("two floors at one position", BY_POSITION, BY_POSITION.replace("4000", "100").replace("tolerance: 20", "tolerance: 0"), "signals.car_position.tolerance", "would be at floors 0 and 1 at once; give each a position of its own"),
+    ("a floor at every position", BY_POSITION, BY_POSITION.replace("{0: 100, 1: 4000, 2: 8000}, tolerance: 20", "{0: 1, 1: 2, 2: 3}, tolerance: 0"), "signals.car_position.positions", "no value is left for a car that is at no floor; list one under `unknown`"),
     ("a place that is taken", BY_POSITION, BY_POSITION.replace("input:3", "holding:12"), "signals.watchdog_time.at", "holding:12 is in car_position already"),
     ("a place that is not served", BY_POSITION, BY_POSITION.replace("input:3", "input:300"), "signals.car_position.at", "input:300 is not served"),
     ("a place that cannot be read", BY_POSITION, BY_POSITION.replace("input:3", "inputs:3"), "signals.car_position.at", "inputs:3"),

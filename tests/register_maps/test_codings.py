@@ -257,6 +257,15 @@ def test_between_two_positions_there_is_no_floor_to_say() -> None:
     assert floor.decode(floor.encode(None)) is None
 
 
+def test_positions_may_follow_one_another_where_another_value_means_no_floor() -> None:
+    codes = 'signals:\n  car_position: {at: "input:0", positions: {3: 32769, 4: 1, 5: 2, 6: 3}, tolerance: 0}\n'
+    codec = written_map(codes)
+    found = {raw: read(codec, raw)[0]["car_floor"] for raw in ("80 01", "00 01", "00 02", "00 03", "00 00")}
+    assert found == {"80 01": 3, "00 01": 4, "00 02": 5, "00 03": 6, "00 00": None}
+    floor = codec.signals["car_floor"]
+    assert floor.decode(floor.encode(None)) is None
+
+
 def test_a_call_that_the_controller_takes_over_is_timed_by_it() -> None:
     taken = GO_TO.format(place='at: "holding:1", as: floor, self_clearing: true')
     with pytest.raises(MapFileError, match="takes over and clears has `timed_by: device`"):

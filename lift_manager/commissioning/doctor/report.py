@@ -203,7 +203,7 @@ def _controller_line(name: str, facts: ControllerFacts) -> str:
     if facts.requests_per_poll:
         parts.append(f"{facts.requests_per_poll} request{'' if facts.requests_per_poll == 1 else 's'} per poll")
     if facts.echoes_tid:
-        parts.append("transaction ids repeated")
+        parts.append("repeats transaction ids")
     if facts.survives_pause:
         parts.append("survives a pause")
     return f"{name}{at}, unit {facts.unit}: {', '.join(parts)}"

@@ -172,7 +172,7 @@ def test_the_head_says_how_it_answers_and_where_the_car_is(tmp_path: Path) -> No
     head, controller, lift, *_ = lines(run(mistake, tmp_path), subjects_of(mistake))
     assert head == "lift-manager 1, 2026-11-23T12:00:00+00:00: doctor only reads, and wrote nothing"
     assert controller.startswith("plc:502, unit 1: answers in 4.0 ms, ")
-    assert controller.endswith("1 request per poll, transaction ids repeated, survives a pause")
+    assert controller.endswith("1 request per poll, repeats transaction ids, survives a pause")
     assert lift.startswith("lift: car at L1, door closed, stopped, mode normal, level (map generic-registers, sha256 ")
 
 
