@@ -22,6 +22,7 @@ from lift_manager.commissioning.checkout.record import (
     Result,
     Role,
     Signature,
+    Stage,
     Topic,
     Verdict,
     verdict,
@@ -154,7 +155,8 @@ def _body(record: Record, found: Verdict, against: Record | None, photos: Mappin
     yield from _as_built(record)
     if against is not None:
         yield from _difference(compare(against, record))
-    yield from _hand_back(record)
+    if record.stage is not Stage.FAT:
+        yield from _hand_back(record)
     yield from _signatures(record, found)
     yield from _annex(record, photos)
 
@@ -183,8 +185,9 @@ def _title_block(record: Record, found: Verdict) -> Iterator[str]:
         yield f"<ul>{''.join(f'<li>{escape(text)}</li>' for text in found.conditions)}</ul>"
     yield "</div>"
     signed = "signed as it is" if found.is_signed else "not signed as it is"
-    back = "handed back to normal service" if found.is_handed_back else "not handed back to normal service"
-    yield f"<p>This record is {signed}; the lift is {back}. Times are in UTC.</p>"
+    back = "" if found.is_handed_back else "not "
+    lift = "" if record.stage is Stage.FAT else f"; the lift is {back}handed back to normal service"
+    yield f"<p>This record is {signed}{lift}. Times are in UTC.</p>"
     yield f'<div class="notice">{NO_EXAMINATION} {STANDARDS}</div>'
 
 

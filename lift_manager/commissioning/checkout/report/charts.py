@@ -85,7 +85,8 @@ def histogram(title: str, latency: Latency) -> str:
     for row, (name, value) in enumerate(marks):
         x = left + wide * min(value, end) / end
         parts.append(f'<path d="M{x:.1f} 8V{bottom}" stroke="{INK}" stroke-dasharray="3 3" fill="none"/>')
-        parts.append(text_at(x + 4, 16 + 12 * row, f"{name} {value:g} ms", "start"))
+        aside, anchor = (4, "start") if x < WIDTH / 2 else (-4, "end")
+        parts.append(text_at(x + aside, 16 + 12 * row, f"{name} {value:g} ms", anchor))
     above = sum(value >= end for value in samples)
     if above and max(samples) > end:
         note = f"last bar: {above} above {end:g} ms, the longest {latency.max_ms:g} ms"

@@ -62,7 +62,7 @@ async def check_power(step: Step, lift: WatchedLift) -> None:
     async with lift.watched() as watch, session(lift) as held:
         if not await _hold_here(step, lift, watch, held):
             return
-        await step.done(f"Switch the controller off. {TECHNICIAN}", Prompt.POWER, value="off")
+        await step.done("Switch the controller off.", Prompt.POWER, value="off", rule=TECHNICIAN)
         await _lost(step, watch)
         await step.done("Switch the controller on again.", Prompt.POWER, value="on")
         if not await _back(step, watch):
@@ -88,7 +88,7 @@ async def check_fire(step: Step, lift: WatchedLift) -> None:
                 return
             began = watch.newest
             await step.done(
-                f"Give the fire signal at the fire panel, or at the input. {TECHNICIAN}", Prompt.FIRE, value="on"
+                "Give the fire signal at the fire panel, or at the input.", Prompt.FIRE, value="on", rule=TECHNICIAN
             )
             where = ", ".join(at(step, name) for name in fires) or "no signal of this map"
             if not await watch.until(_on_fire, RELEASED_WITHIN_S):
@@ -130,7 +130,7 @@ async def check_robot_mode(step: Step, lift: WatchedLift) -> None:
         if not step.item.subject:
             return
         await step.done(
-            f"Take robot mode away, with its key or at the panel. {TECHNICIAN}", Prompt.WITHDRAW, value="on"
+            "Take robot mode away, with its key or at the panel.", Prompt.WITHDRAW, value="on", rule=TECHNICIAN
         )
         shows = [name for name in ("robot_mode_on", "robots_allowed", "mode") if name in step.codec.signals]
         if shows and not await watch.until(_without_robot_mode, RELEASED_WITHIN_S):

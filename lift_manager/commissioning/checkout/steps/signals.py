@@ -24,6 +24,7 @@ SERVICES = {
     "inspection": "Put the lift under inspection",
 }
 """What a key can do at most lifts, the easiest first."""
+SIMULATES = "Only the lift technician simulates an input."
 TECHNICIAN = "Only the lift technician does this, at the controller: never in the safety chain, never in the shaft."
 
 
@@ -53,19 +54,16 @@ async def check_signal(step: Step, lift: WatchedLift) -> None:
 
 async def _flag(step: Step, watch: Watch, name: str) -> None:
     rest = watch.newest.value(name) is True
-    await _follow(step, watch, name, _make_text(name, expected=not rest), not rest)
-    await _follow(step, watch, name, _make_text(name, expected=rest), rest)
+    for expected in (not rest, rest):
+        text = f"Make it {'so' if expected else 'no longer so'}: {SIGNAL_MEANINGS[name]}."
+        await _follow(step, watch, name, text, expected, rule=SIMULATES)
     if not step.problems:
         await _disconnect(step, watch, name, rest)
 
 
-def _make_text(name: str, *, expected: bool) -> str:
-    return f"Make it {'so' if expected else 'no longer so'}: {SIGNAL_MEANINGS[name]}. Only the lift technician simulates an input."
-
-
 async def _disconnect(step: Step, watch: Watch, name: str, rest: object) -> None:
     before = watch.newest
-    await step.done(f"Disconnect the wire of {at(step, name)}. {TECHNICIAN}", Prompt.DISCONNECT, subject=name)
+    await step.done(f"Disconnect the wire of {at(step, name)}.", Prompt.DISCONNECT, subject=name, rule=TECHNICIAN)
     await step.wait(FOLLOWS_WITHIN_S, "watching what it shows without its wire")
     broken = watch.newest.value(name)
     step.saw(f"disconnected: {raw_text(watch.newest, name)}")
@@ -74,7 +72,7 @@ async def _disconnect(step: Step, watch: Watch, name: str, rest: object) -> None
             f"{at(step, name)}: a broken wire reads the same as before, so it is not noticed; a contact that is closed while"
             " all is well would show it"
         )
-    await step.done(f"Connect {at(step, name)} again. {TECHNICIAN}", Prompt.RECONNECT, subject=name)
+    await step.done(f"Connect {at(step, name)} again.", Prompt.RECONNECT, subject=name, rule=TECHNICIAN)
     if not await watch.until(lambda sample: sample.value(name) == rest, FOLLOWS_WITHIN_S):
         step.problem(f"{at(step, name)} shows {raw_text(watch.newest, name)} since its wire was connected again")
 
@@ -91,7 +89,7 @@ async def _mode(step: Step, watch: Watch, name: str) -> None:
     values = step.codec.map.signals[name].values or {}
     expected = next((mode for mode in SERVICES if mode in values.values()), "")
     if expected:
-        await _follow(step, watch, name, f"{SERVICES[expected]} with its key. {TECHNICIAN}", expected)
+        await _follow(step, watch, name, f"{SERVICES[expected]} with its key.", expected)
     await _follow(step, watch, name, "Put the lift into normal service.", rest if expected else "normal")
 
 
@@ -221,10 +219,11 @@ async def _follow(
     expected: object,
     *,
     within_s: float = FOLLOWS_WITHIN_S,
+    rule: str = "",
 ) -> None:
     """Let a person make something so, and see that the signal shows it and that nothing else changes unexplained."""
     before = watch.newest
-    await step.done(text, Prompt.MAKE, subject=name, value=shown(expected))
+    await step.done(text, Prompt.MAKE, subject=name, value=shown(expected), rule=rule)
     follows = await watch.until(_shows(name, expected), within_s)
     step.saw(f"{name} shows {raw_text(watch.newest, name)}")
     if not follows:

@@ -61,9 +61,11 @@ class Step:
         self.person.show(f"{text}: {seconds:g} s")
         await asyncio.sleep(seconds)
 
-    async def choose(self, text: str, topic: Prompt, *choices: str, subject: str = "", value: str = "") -> str:
-        """Return one of the choices. Raises Settled."""
-        reply = await self.person.answer(Question(text, topic, subject, value, choices))
+    async def choose(
+        self, text: str, topic: Prompt, *choices: str, subject: str = "", value: str = "", rule: str = ""
+    ) -> str:
+        """Return one of the choices; `rule` is a sentence for the person that is no evidence. Raises Settled."""
+        reply = await self.person.answer(Question(f"{text} {rule}".strip(), topic, subject, value, choices))
         self.photos += reply.photos
         self.confirmed_by = reply.confirmed_by or self.confirmed_by
         if reply.outcome is not None:
@@ -73,9 +75,9 @@ class Step:
         self.saw(f"{text} - {reply.word or 'done'}")
         return reply.word
 
-    async def done(self, text: str, topic: Prompt, *, subject: str = "", value: str = "") -> None:
+    async def done(self, text: str, topic: Prompt, *, subject: str = "", value: str = "", rule: str = "") -> None:
         """Wait until something is done. Raises Settled."""
-        await self.choose(text, topic, subject=subject, value=value)
+        await self.choose(text, topic, subject=subject, value=value, rule=rule)
 
     async def yes(self, text: str, topic: Prompt, *, subject: str = "", value: str = "") -> bool:
         """Return whether it is so. Raises Settled."""
@@ -107,6 +109,8 @@ def shown(value: object) -> str:
     """Return a value as people read it."""
     if isinstance(value, bool):
         return YES if value else NO
+    if isinstance(value, float):
+        return f"{value:.10g}"
     return "nothing" if value is None else str(value)
 
 

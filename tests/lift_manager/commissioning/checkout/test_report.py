@@ -14,6 +14,7 @@ import pytest
 from lift_manager.commissioning.checkout.record import (
     Confirmation,
     Item,
+    Latency,
     Outcome,
     PunchEntry,
     Record,
@@ -245,6 +246,12 @@ def test_the_hand_back_says_who_took_the_lift_back_and_without_one_there_is_a_fo
     assert "Nothing is bridged, simulated or disconnected any more" in form.text
 
 
+def test_a_factory_test_hands_no_lift_back() -> None:
+    text = page(FAT.model_copy(update={"hand_back": None})).text
+    assert "Hand-back of the lift" not in text
+    assert "handed back" not in text
+
+
 def test_a_signature_tells_whether_it_is_for_the_record_as_it_is(sat: Page) -> None:
     assert row_of(sat, "Run by")[1] == "Ana Keller, Robots Ltd"
     signatures = sat.rows[sat.rows.index(["Role", "Name", "Signature", "Date"]) :]
@@ -364,6 +371,12 @@ def test_charts_show_each_floor_and_the_percentiles() -> None:
     svg = charts.histogram("Answers", SAT.controller.fingerprint.latency)
     assert "p50 14.06 ms" in svg
     assert "p99 52.01 ms" in svg
+
+
+def test_a_percentile_at_the_right_end_is_written_inside_the_picture() -> None:
+    svg = charts.histogram("Answers", Latency(p50_ms=1, p99_ms=98, max_ms=98, samples_ms=(1.0, 1.0, 98.0)))
+    assert re.search(r'text-anchor="start"[^>]*>p50 1 ms', svg)
+    assert re.search(r'text-anchor="end"[^>]*>p99 98 ms', svg)
     doors = charts.bars(
         "Doors", [("door opens", (Times("L<2>", (3.0, 2.0)),)), ("door closes", (Times("L<2>", (4.0,)),))]
     )

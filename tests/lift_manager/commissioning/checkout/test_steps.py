@@ -106,6 +106,24 @@ def test_a_person_is_shown_what_is_waited_for_and_how_long(tmp_path: Path, item:
     run_virtual(main, limit_s=30000.0)
 
 
+def test_the_evidence_of_a_signal_has_what_was_done_and_shown_and_no_rules(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path)
+
+    async def main() -> None:
+        record = await check_out(Rig(loaded), ["S-27"])
+        assert list(record.newest["S-27"].evidence) == [
+            "Make it so: a person has the car by key (independent service). - done",
+            "independent shows yes (raw 0)",
+            "Make it no longer so: a person has the car by key (independent service). - done",
+            "independent shows no (raw 1)",
+            "Disconnect the wire of independent (discrete:27). - done",
+            "disconnected: yes (raw 0)",
+            "Connect independent (discrete:27) again. - done",
+        ]
+
+    run_virtual(main, limit_s=30000.0)
+
+
 class OneSlot(Rig):
     """A controller that counts the connection of a killed manager as open for some seconds."""
 
