@@ -41,7 +41,7 @@ from register_maps.load import MAPS, load
 from register_maps.words import Door, Mode, Side, Table
 from simulator.faults import Fault, Reboot, RobotModeWithdrawn
 from simulator.modes import Key
-from simulator.registers import RegisterFace
+from simulator.registers import ILLEGAL_ADDRESS, ExceptionReply, RegisterFace
 from simulator.state import Parameters, ShownState
 from simulator.wire_faults import WireFaults
 from tests.support.asgi_streams import AsgiStreams
@@ -60,6 +60,8 @@ class Wiring:
     """What reads the same whatever the lift does: broken and stuck inputs."""
     drifting: set[tuple[Table, int]] = field(default_factory=set)
     """Inputs that change by themselves every few seconds."""
+    refused: set[tuple[Table, int]] = field(default_factory=set)
+    """Addresses that the controller does not let anybody write: it answers exception 02."""
 
     def read(self, table: Table, address: int, count: int, now: float) -> list[int]:
         cells = self.face.read(table, address, count, now)
@@ -70,6 +72,8 @@ class Wiring:
         return cells
 
     def write(self, table: Table, address: int, values: Sequence[int], now: float) -> None:
+        if any((table, address + index) in self.refused for index in range(len(values))):
+            raise ExceptionReply(ILLEGAL_ADDRESS)
         self.face.write(table, address, values, now)
 
     def mask_write(self, address: int, keep: int, put: int, now: float) -> None:

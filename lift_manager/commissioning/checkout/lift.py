@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -13,10 +13,12 @@ from lift_manager.api.lifts import Signal
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import ClientError
 from lift_manager.client.stream import EventStream
+from lift_manager.commissioning.trace.exchanges import Exchange, Pairing
+from lift_manager.commissioning.trace.recording import TracedFrame
 from lift_manager.lift.state import Quality
 from register_maps import frames
 from register_maps.codec import Codec
-from register_maps.errors import BadRequest
+from register_maps.errors import EXCEPTION_NAMES, BadRequest
 from register_maps.words import Side
 
 
@@ -59,12 +61,23 @@ class Write:
     """The heartbeat after it."""
 
 
+@dataclass(frozen=True, slots=True)
+class RefusedWrite:
+    """One write that the controller answered with an exception."""
+
+    at: float
+    command: str
+    """A command whose output it was for."""
+    text: str
+
+
 @dataclass
 class Watch:
     """What was seen since the watch began."""
 
     samples: list[Sample] = field(default_factory=list)
     writes: list[Write] = field(default_factory=list)
+    refused: list[RefusedWrite] = field(default_factory=list)
     alarms: list[str] = field(default_factory=list)
     _changed: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -160,10 +173,26 @@ class WatchedLift:
 
     async def _frames(self, watch: Watch, link: str, image: dict[str, list[int]]) -> None:
         stream: EventStream = self.client.frames(link)
+        pairing = Pairing()
         async with stream as events:
             async for event in events:
-                if isinstance(event, Frame) and event.sent:
-                    self._take(watch, bytes.fromhex(event.hex), image)
+                if not isinstance(event, Frame):
+                    continue
+                frame = bytes.fromhex(event.hex)
+                if event.sent:
+                    self._take(watch, frame, image)
+                for exchange in pairing.take(TracedFrame(event.at_s, event.sent, frame)):
+                    watch.refused += self._refused(exchange)
+
+    def _refused(self, exchange: Exchange) -> Iterator[RefusedWrite]:
+        request, code = exchange.parsed, exchange.exception
+        if request is None or code is None or not request.is_write:
+            return
+        addresses = range(request.address, request.address + len(request.values))
+        name = EXCEPTION_NAMES.get(code, "not in the specification")
+        for command in self._codec.commands.values():
+            if any(point.table is request.table and point.address in addresses for point in command.points):
+                yield RefusedWrite(_now(), command.name, f"{request}: exception {code:02} ({name})")
 
     def _take(self, watch: Watch, frame: bytes, image: dict[str, list[int]]) -> None:
         try:

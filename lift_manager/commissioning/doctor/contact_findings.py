@@ -65,7 +65,7 @@ def asserted(facts: LiftFacts, misfit: Misfit) -> Finding:
         "asserted",
         name,
         f"reports {name.replace('_', ' ')}{'' if misfit.is_constant else ' at times'}: no robot rides",
-        f"If that is so, reset it; if the lift is at rest, {cure}",
+        f"If it is so, let the lift company reset it; if the lift is at rest, {cure}",
     )
 
 

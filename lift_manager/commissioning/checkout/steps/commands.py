@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from lift_manager.commissioning.checkout.lift import Watch, WatchedLift
+from lift_manager.commissioning.checkout.lift import Sample, Watch, WatchedLift
 from lift_manager.commissioning.checkout.person import Prompt
-from lift_manager.commissioning.checkout.steps.press import DOOR_WITHIN_S, call, other_floor, ride, session
+from lift_manager.commissioning.checkout.steps.press import DOOR_WITHIN_S, call, other_floor, refused, ride, session
 from lift_manager.commissioning.checkout.steps.step import Step, at
 from register_maps.meanings import COMMAND_MEANINGS
 from register_maps.words import Side
@@ -87,8 +87,11 @@ async def _call(step: Step, lift: WatchedLift, watch: Watch) -> None:
 async def _trip(step: Step, lift: WatchedLift, watch: Watch) -> None:
     start, destination = watch.newest.lift.floor or step.floors[0], other_floor(step, watch.newest)
     await step.may_move(f"The manager takes the empty car from {start} to {destination}. Is everybody clear?")
+    began = watch.newest.at
     ridden = await ride(lift, start, destination)
-    if not ridden.is_complete:
+    if text := refused(step, watch, began):
+        step.problem(text)
+    elif not ridden.is_complete:
         step.problem(f"the trip from {start} to {destination} ended early: {ridden.reason}")
 
 
@@ -96,8 +99,14 @@ async def _robot_mode(step: Step, lift: WatchedLift, watch: Watch) -> None:
     name = step.item.subject
     floor = other_floor(step, watch.newest)
     await step.may_move(f"The manager requests robot mode and calls the empty car to {floor}. Is everybody clear?")
+    began = watch.newest
     async with session(lift) as held:
         if not await call(step, lift, watch, held, floor, hold=False):
+            _check_granted(step, watch, began)
+            return
+        await step.wait(HOLD_S, "robot mode is kept")
+        if lost := _lost_robot_mode(step, watch, began):
+            step.problem(lost)
             return
         if not await step.yes(
             "Does the lift show robot mode, and no longer answer its landing buttons?", Prompt.SHOWN, subject=name
@@ -112,13 +121,58 @@ async def _robot_mode(step: Step, lift: WatchedLift, watch: Watch) -> None:
         step.problem(f"{at(step, 'robot_mode_on')} still shows yes after {at(step, name)} was released")
 
 
+def _check_granted(step: Step, watch: Watch, began: Sample) -> None:
+    """Note where the request for robot mode went instead, after a call that was not pressed without it."""
+    if "robot_mode_on" not in step.codec.signals or refused(step, watch, began.at):
+        return
+    samples = [one for one in watch.samples if one.at > began.at and one.is_live]
+    if any(one.value("robot_mode_on") is True for one in samples):
+        return
+    opened = [side for side in Side if not began.door_is_open(side) and any(one.door_is_open(side) for one in samples)]
+    instead = "".join(
+        f"; the {side} door opened instead: this output and {at(step, f'hold_door.{side}')} may be exchanged"
+        for side in opened
+    )
+    step.problem(
+        f"{at(step, step.item.subject)} is on, and {at(step, 'robot_mode_on')} does not show it"
+        + (instead or "; check output and wire, and look at the panel for what the lift waits for")
+    )
+
+
+def _lost_robot_mode(step: Step, watch: Watch, began: Sample) -> str:
+    """Return how the lift left robot mode although it was kept; empty if it did not, or has no signal for it."""
+    samples = [one for one in watch.samples if one.at > began.at and one.is_live]
+    granted = next((one for one in samples if one.value("robot_mode_on") is True), None)
+    if granted is None:
+        return ""
+    lost = next((one for one in samples if one.at > granted.at and one.value("robot_mode_on") is False), None)
+    if lost is None:
+        return ""
+    name, commands = step.item.subject, step.codec.commands
+    signs = [
+        (at(step, one), commands[one].spec.every_s or commands[one].spec.refresh_s)
+        for one in ("heartbeat", name)
+        if one in commands
+    ]
+    written = " and ".join(f"{where} every {every_s:g} s" for where, every_s in signs if every_s is not None)
+    return (
+        f"{at(step, name)} is on, and {at(step, 'robot_mode_on')} went away {lost.at - granted.at:.0f} s after it came: the watchdog of the"
+        f" controller may be shorter than our sign of life ({written or 'written once'}), or something else takes robot mode away"
+    )
+
+
 async def _hold(step: Step, lift: WatchedLift, watch: Watch, side: Side) -> None:
     name = step.item.subject
     floor = watch.newest.lift.floor if watch.newest.lift.standing else None
     floor = floor or step.floors[0]
     await step.may_move(f"The manager opens the {side} door at {floor} and holds it. Is everybody clear?")
+    began = watch.newest.at
     async with session(lift) as held:
         came = await call(step, lift, watch, held, floor, hold=True)
+        if text := refused(step, watch, began):
+            if came:
+                step.problem(text)
+            return
         await step.wait(HOLD_S, "the door is held")
         real = await step.yes(
             f"Did the {side} door open, and does it stay open? It has been held for {HOLD_S:g} s.",
@@ -141,12 +195,16 @@ async def _close(step: Step, lift: WatchedLift, watch: Watch, side: Side) -> Non
     await step.may_move(
         f"The manager opens the {side} door at {floor} and then presses its close button. Is the doorway clear?"
     )
+    began = watch.newest.at
     async with session(lift) as held:
         if not await call(step, lift, watch, held, floor, hold=True):
             return
         await held.robot_left()  # the person has just said that the doorway is clear
         command = await held.close_door(side, wait=DOOR_WITHIN_S)
         step.saw(f"{name}: {command.status} {command.reason}".strip())
+        if text := refused(step, watch, began):
+            step.problem(text)
+            return
         if not await step.yes(f"Did the {side} door close at once?", Prompt.CLOSED, subject=side):
             step.problem(
                 f"{at(step, name)} was pressed ({command.status}), and the {side} door did not close: check the output, and whether it is"

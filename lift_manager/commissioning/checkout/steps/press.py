@@ -48,6 +48,9 @@ async def call(step: Step, lift: WatchedLift, watch: Watch, held: ActiveSession,
     """
     began = watch.newest
     command = await held.go_to(floor, hold_door=hold, wait=COMMAND_WITHIN_S)
+    if command.status is not CommandState.CONFIRMED and (text := refused(step, watch, began.at)):
+        step.problem(text)
+        return False
     name = call_name(step)
     where = f"{at(step, name, floor)}, called to {floor}"
     if command.status is CommandState.PENDING:
@@ -76,6 +79,17 @@ async def call(step: Step, lift: WatchedLift, watch: Watch, held: ActiveSession,
     _figures(step, watch, began)
     step.evidence += [f"{WRITTEN}{write.text}" for write in watch.writes if write.at >= began.at][:12]
     return True
+
+
+def refused(step: Step, watch: Watch, since: float) -> str:
+    """Return which write the controller has refused since then; empty if it took all."""
+    found = next((one for one in watch.refused if one.at >= since), None)
+    if found is None:
+        return ""
+    return (
+        f"{at(step, found.command)}: the controller refuses to be written: {found.text}; compare the address with the vendor's table, and"
+        " look whether the controller lets this client write"
+    )
 
 
 def _elsewhere(watch: Watch, floor: str) -> str:

@@ -15,6 +15,7 @@ from register_maps.words import Table
 from simulator.faults import ForeignWriter, SaysWrongFloor
 from simulator.state import Parameters
 from tests.support.checkout_rig import Change, Rig, check_out, site_of, wired_otherwise
+from tests.support.programs import ROOT
 from tests.support.virtual_time import run_virtual
 
 MAP = "generic-coils"
@@ -75,6 +76,10 @@ def drift(address: int) -> Callable[[Rig], None]:
     return lambda rig: rig.wiring.drifting.add((Table.DISCRETE, address))
 
 
+def refuse_writes(address: int) -> Callable[[Rig], None]:
+    return lambda rig: rig.wiring.refused.add((Table.COIL, address))
+
+
 def begin(fault: Any) -> Callable[[Rig], None]:
     return lambda rig: rig.begin(fault)
 
@@ -96,7 +101,7 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
         None,
         None,
         "F-02",
-        r"coil:1.* called to L2, .* it is at L1|shifted",
+        r"called to L2, all signals show L2, and it is at L1: .*all floors are shifted by one; compare the codes of the calls",
     ),
     (
         "two calls crossed",
@@ -107,7 +112,7 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
         r"\(coil:1\), called to L2.*went to L3 instead: the outputs of L2 and L3 may be crossed",
     ),
     (
-        "hold wired to close",
+        "door hold wired to close",
         swapped("commands", "hold_door.front", "close_door.front"),
         None,
         None,
@@ -120,7 +125,7 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
         None,
         None,
         "C-06",
-        "robot_mode|go_to",
+        r"robot_mode \(coil:10\) is on, and robot_mode_on \(discrete:23\) does not show it; .* and hold_door.front \(coil:8\) may be exchanged",
     ),
     (
         "fire contact not wired, seen at the input",
@@ -140,7 +145,7 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
     ),
     ("normally-open fire contact", normally_open_fire, None, None, "S-23", r"fire \(discrete:25\) shows yes"),
     (
-        "robot mode ignored",
+        "robot mode ignored by the lift",
         unwired_robot_mode,
         force(GRANTED, 1),
         None,
@@ -156,14 +161,53 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
         r"robot_mode \(coil:10\) is on, and the lift is not in robot mode",
     ),
     (
-        "overload and curtain crossed",
+        "overload and light curtain crossed",
         swapped("signals", "overload", "obstruction.front"),
         None,
         None,
         "S-29",
         r"overload \(discrete:22\) shows no .*obstruction.front \(discrete:21\) .*changed instead: the two may be exchanged",
     ),
-    ("door and level exchanged", level_for_door, None, None, "S-13", r"door.front \(discrete:16, discrete:17\)"),
+    (
+        "door and level exchanged",
+        level_for_door,
+        None,
+        None,
+        "S-13",
+        r"door.front \(discrete:16, discrete:17\) shows .*, not open; level \(discrete:18\) from yes to no changed instead",
+    ),
+    (
+        "exception 02 on a write, of a call",
+        None,
+        refuse_writes(1),
+        None,
+        "F-02",
+        r"go_to \(coil:0, coil:1.*the controller refuses to be written: write 8 coils from 0 .*: exception 02 \(illegal data address\)",
+    ),
+    (
+        "exception 02 on a write, of a hold",
+        None,
+        refuse_writes(8),
+        None,
+        "C-10",
+        r"^hold_door.front \(coil:8\): the controller refuses to be written: write coil 8 := on, unit 1: exception 02",
+    ),
+    (
+        "exception 02 on a write, of the close button",
+        None,
+        refuse_writes(9),
+        None,
+        "C-12",
+        r"^close_door.front \(coil:9\): the controller refuses to be written: write coil 9 := on, unit 1: exception 02",
+    ),
+    (
+        "exception 02 on a write, of robot mode",
+        None,
+        refuse_writes(10),
+        None,
+        "C-06",
+        r"^robot_mode \(coil:10\): the controller refuses to be written: write coil 10 := on, unit 1: exception 02",
+    ),
     ("door limits exchanged", exchanged_limits, None, None, "S-13", r"door.front .* shows closed .*, not open"),
     (
         "up and down exchanged",
@@ -182,7 +226,7 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
         r"hold_door.front \(coil:8\): the door was released only 2.* s after the manager was killed: the controller has no watchdog",
     ),
     (
-        "press too short for the scan",
+        "pulse too short",
         None,
         None,
         SLOW_SCAN,
@@ -222,6 +266,43 @@ ROWS: list[tuple[str, Change | None, Callable[[Rig], None] | None, Parameters | 
         r"hold_door.front \(coil:8\) reads on .*another master writes it",
     ),
 ]
+
+
+SLOW_HEARTBEAT = "heartbeat of the manager too slow for the watchdog"
+"""As the page names what the last test plants."""
+SLOW_BEATS: dict[str, Any] = {
+    "served": {"holding": [[0, 7], [16, 20]]},
+    "commands": {
+        "heartbeat": {"at": "holding:20", "action": "count", "every_s": 4.0},
+        "hold_door.front": {"refresh_s": None, "cleared_after_s": None},
+        "robot_mode": {"refresh_s": None},
+    },
+}
+
+
+def test_every_mistake_that_a_page_leaves_to_the_checkout_is_planted() -> None:
+    table = (ROOT / "docs" / "how-to" / "doctor.md").read_text("utf-8").partition("| mistake | found by | how |")[2]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line.startswith("| ")
+    ]
+    left = {mistake for mistake, by, _ in rows if by == "checkout"}
+    names = [row[0] for row in ROWS]
+    assert {one for one in left if not any(name.startswith(one) for name in names)} == {SLOW_HEARTBEAT}
+
+
+def test_a_heartbeat_that_is_too_slow_for_the_watchdog_is_named_with_its_address(tmp_path: Path) -> None:
+    loaded = site_of(tmp_path, "generic-registers", {"L1": 1, "L2": 2, "L3": 3}, override=SLOW_BEATS)
+
+    async def main() -> None:
+        record = await check_out(Rig(loaded, settings=Parameters(hold_watchdog_s=2.5)), ["C-06"])
+        (result,) = record.results
+        assert result.outcome is Outcome.FAILED
+        words = r"robot_mode \(holding:18\) is on, and robot_mode_on \(holding:5.1\) went away .*heartbeat \(holding:20\) every 4 s"
+        assert re.search(words, result.note), result.note
+        good = await check_out(Rig(loaded, settings=Parameters(hold_watchdog_s=12.0)), ["C-06"])
+        assert [one.note for one in good.results] == [""]
+
+    run_virtual(main, limit_s=30000.0)
 
 
 @pytest.mark.parametrize(
