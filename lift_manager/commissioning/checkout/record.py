@@ -22,6 +22,8 @@ from drivers.own_files import read_own, replace_file
 from lift_manager.plain.text import counted
 
 VERSION: Literal[1] = 1
+CALLED = "called_s"
+"""The figure of a trip that says how long the robot waited for the open door."""
 WRITTEN = "written: "
 """How a line of evidence begins that is about a write, and not for people."""
 

@@ -11,6 +11,7 @@ from itertools import groupby
 from typing import Any
 
 from lift_manager.commissioning.checkout.record import (
+    CALLED,
     Fingerprint,
     Instrument,
     Item,
@@ -72,7 +73,7 @@ h2 { font-size: 12.5pt; margin: 8mm 0 2mm; padding-bottom: 1mm; border-bottom: 0
 h3 { font-size: 10pt; margin: 4.5mm 0 1.5mm; break-after: avoid; }
 p { margin: 0 0 2mm; }
 .norm, .small { font-size: 8pt; color: #555; }
-.norm { break-after: avoid; }
+.norm, h2 + p, h3 + p { break-after: avoid; }
 .hash, .address { font-family: "DejaVu Sans Mono", Consolas, monospace; font-size: 0.86em; overflow-wrap: anywhere; }
 table { border-collapse: collapse; width: 100%; margin-bottom: 3mm; }
 th, td { border: 0.2mm solid #b4bac2; padding: 1mm 1.4mm; text-align: left; vertical-align: top; overflow-wrap: anywhere; }
@@ -437,7 +438,11 @@ def _difference(found: Difference) -> Iterator[str]:
         yield "<h3>Times (medians)</h3>"
         yield _head(("", 40), (f"{before}, s", 20), (f"{after}, s", 20), ("Difference, s", 20))
         for one in found.figures:
-            numbers = (f"{one.before_s:.1f}", f"{one.after_s:.1f}", f"{one.after_s - one.before_s:+.1f}")
+            numbers = (
+                f"{one.before_s:.1f}",
+                f"{one.after_s:.1f}",
+                f"{round(one.after_s - one.before_s, 1) + 0.0:+.1f}",
+            )
             cells = "".join(f'<td class="number">{number}</td>' for number in numbers)
             yield f"<tr>{_cells(one.what)}{cells}</tr>"
         yield "</tbody></table>"
@@ -580,6 +585,8 @@ def _instrument_text(one: Instrument) -> str:
 
 
 def _figure_head(name: str) -> str:
+    if name == CALLED:
+        return "car there after, s"
     words, _, unit = name.rpartition("_")
     return f"{words.replace('_', ' ')}, {unit}" if words else name
 

@@ -7,7 +7,7 @@ import asyncio
 from lift_manager.client.errors import ClientError
 from lift_manager.commissioning.checkout.lift import Watch, WatchedLift
 from lift_manager.commissioning.checkout.person import Prompt
-from lift_manager.commissioning.checkout.record import Trip, now
+from lift_manager.commissioning.checkout.record import CALLED, Trip, now
 from lift_manager.commissioning.checkout.steps.press import Drive, Ridden, door_times, ride, travel_s
 from lift_manager.commissioning.checkout.steps.step import Step
 from lift_manager.rides.ride import Guidance
@@ -56,7 +56,7 @@ async def _trip(
         ridden.reason = str(error) or "it took too long"
     figures = {"total_s": round(loop.time() - ridden.began_at, 2)}
     if ridden.entered_at is not None:
-        figures["called_s"] = round(ridden.entered_at - ridden.began_at, 2)
+        figures[CALLED] = round(ridden.entered_at - ridden.began_at, 2)
         travelled = travel_s(watch, ridden.entered_at, destination)
         if travelled is not None:
             figures["travel_s"] = travelled
@@ -76,7 +76,7 @@ async def _trip(
 
 
 def _text(trip: Trip) -> str:
-    words = {"called_s": "car there after"}
+    words = {CALLED: "car there after"}
     figures = ", ".join(
         f"{words.get(name) or name.removesuffix('_s').replace('_', ' ')} {value:g} s"
         for name, value in trip.figures.items()

@@ -301,6 +301,15 @@ def test_the_difference_lists_items_that_came_out_differently_or_are_not_the_sam
     ]
 
 
+def test_another_number_of_trips_is_no_change_of_the_map() -> None:
+    def more(item: Item) -> Item:
+        return item.model_copy(update={"title": "9 whole trips", "subject": "9", "digest": "other"})
+
+    items = tuple(more(item) if item.id == "T-01" else item for item in SAT.items)
+    (found,) = compare(SAT, SAT.model_copy(update={"items": items})).items
+    assert found.changes == ("title: '5 whole trips', now '9 whole trips'",)
+
+
 def test_an_item_that_the_later_record_no_longer_has_is_a_difference() -> None:
     (gone,) = [item for item in compare(SAT, FAT).items if item.item == "R-02"]
     assert (gone.before, gone.after) == ("proved by document", "no such item")
