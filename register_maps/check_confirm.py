@@ -46,7 +46,7 @@ def check_confirm(source: RegisterMap) -> Iterator[Problem]:
             yield Problem(path, "a hold needs `confirm`, such as {any_of: [readback], within_s: 2}")
         else:
             otherwise = "" if command.ends_itself else " unless it reads back"
-            message = f"nothing confirms this press; use `confirm`, or it counts as unconfirmed{otherwise}"
+            message = f"nothing confirms this press; use `confirm`, such as {{any_of: [effect], within_s: 10}}, or it counts as unconfirmed{otherwise}"
             yield Problem(path, message, warning=True)
 
 
