@@ -88,8 +88,9 @@ def _meaning(lift: ExaminedLift, name: str, raw: int) -> str:
 
 def exchanged_words(facts: LiftFacts) -> Iterator[Finding]:
     """Find 32-bit numbers whose words are exchanged: huge as mapped, and plausible the other way round."""
-    for name, spec in facts.lift.codec.map.signals.items():
-        if not spec.is_wide or name not in facts.lift.codec.signals:
+    source = facts.lift.codec.map
+    for name, spec in source.signals.items():
+        if not spec.is_wide or name in source.derived or name not in facts.lift.codec.signals:
             continue
         raws = [picture.raw[name] for picture in facts.pictures if name in picture.raw]
         swapped = [raw >> 16 | (raw & 0xFFFF) << 16 for raw in raws]

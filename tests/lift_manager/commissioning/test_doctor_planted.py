@@ -242,6 +242,8 @@ def test_a_planted_mistake_is_found_in_a_line_with_its_address_that_says_what_to
     ]
     assert any(re.search(WORDS[mistake], line) for line in found), found
     assert report.needs_work
+    said = [(finding.code, finding.text) for finding in report.findings]
+    assert len(set(said)) == len(said), said
     for finding in report.findings:
         assert finding.cure or finding.severity is Severity.NOTE
         assert "\n" not in finding.text + finding.cure
