@@ -87,7 +87,7 @@ def doctor(  # noqa: PLR0913  a parameter per option
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Compare with an earlier run with --json, such as the one at hand-over.",
+            help="Compare with an earlier run with --json, such as the one at hand-over; the record of a checkout has it.",
             show_default=False,
         ),
     ] = None,

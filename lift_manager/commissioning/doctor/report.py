@@ -258,13 +258,17 @@ def as_json(report: Report) -> str:
 
 
 def read_report(path: Path) -> Mapping[str, Any]:
-    """Read an earlier run. Raises NotAReport."""
+    """Read an earlier run, also the one that the record of a checkout keeps as the state as left. Raises NotAReport."""
     try:
         data = json.loads(path.read_text("utf-8"))
     except OSError as error:
         raise NotAReport(f"{path}: {error.strerror or error}") from error
     except ValueError as error:
         raise NotAReport(f"{path} is no JSON: give a file that `lift-manager doctor --json` has written") from error
+    if isinstance(data, dict) and "baseline" in data:
+        data = data["baseline"]
+        if data is None:
+            raise NotAReport(f"{path} is the record of a checkout that keeps no run: it was made without `--baseline`")
     keys = {f.name for f in fields(Report)}
     if not isinstance(data, dict) or not keys <= data.keys() or data["schema"] != SCHEMA:
         raise NotAReport(f"{path} was not written by `lift-manager doctor --json` of this version")

@@ -42,6 +42,12 @@ def test_a_run_that_was_kept_differs_in_nothing_from_the_next_one(tmp_path: Path
     assert differences(kept(PROBED, tmp_path), run(PROBED, tmp_path)) == ()
 
 
+def test_the_record_of_a_checkout_has_the_run_of_the_hand_over(tmp_path: Path) -> None:
+    record = tmp_path / "east.checkout.json"
+    record.write_text(json.dumps({"stage": "sat", "baseline": json.loads(as_json(run(PROBED, tmp_path)))}))
+    assert differences(read_report(record), run(PROBED, tmp_path)) == ()
+
+
 def test_findings_that_were_accepted_at_hand_over_are_no_difference(tmp_path: Path) -> None:
     known = replace(PROBED, edit=inverted((H, 5, 3)))
     before = kept(known, tmp_path)
@@ -152,6 +158,8 @@ def test_a_run_from_before_there_was_that_probe_is_compared_without_it(tmp_path:
     [
         ("no JSON", "is no JSON"),
         ("{}", "was not written by"),
+        ('{"stage": "sat", "baseline": null}', "keeps no run: it was made without `--baseline`"),
+        ('{"stage": "sat", "baseline": {"findings": []}}', "was not written by"),
         ("[]", "was not written by"),
         ('{"schema": 9}', "was not written"),
     ],
