@@ -222,6 +222,20 @@ def test_answers_may_come_through_a_pipe_and_their_end_ends_the_checkout(site: P
     assert [(one["severity"], one["closed_at"] is None) for one in record["punch_list"]] == [("A", True), ("A", False)]
 
 
+def test_the_end_without_signatures_is_said_and_how_to_go_on(site: Path) -> None:
+    piped(site, "rev 3\nP-7\nnone\nstick 4\ny\ny\ny\ny\n", *WHO, "--item", "R-01")
+    (path,) = (site.parent / "kept").glob("*.checkout.*.sat.json")
+    record = json.loads(path.read_text())
+    (passed,) = record["results"]
+    record["results"] = [passed | {"item": one["id"], "digest": one["digest"]} for one in record["items"]]
+    path.write_text(json.dumps(record))
+    ended = piped(site, "")
+    assert ended.returncode == 0, ended
+    said = re.sub(r"\s+", " ", ended.stdout)
+    assert "lift1, sat: passed" in said
+    assert "not signed as it is now; the same command asks for what is left" in said
+
+
 def test_a_controller_is_asked_what_it_is_and_another_one_is_noticed(site: Path) -> None:
     asked = piped(site, "rev 3\nP-7\nnone\nstick 4\ny\ny\ny\nn\nn\n", *WHO, "--item", "R-01", "--probe-identity")
     said = re.sub(r"\s+", " ", asked.stdout)
