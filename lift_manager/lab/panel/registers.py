@@ -158,5 +158,12 @@ class RegisterTable:
 
 
 def wire_text(points: Sequence[Point]) -> str:
-    """Return where points are on the wire, such as `holding 16` or `coil 512, coil 513`."""
-    return ", ".join(f"{point.space} {point.address}" + ("" if point.is_whole else f".{point.low}") for point in points)
+    """Return where points are on the wire, such as `holding 16`, `holding 5.0 to 5.2` or `coil 512, coil 513`."""
+    return ", ".join(f"{point.space} {point.address}{_bits(point)}" for point in points)
+
+
+def _bits(point: Point) -> str:
+    if point.is_whole:
+        return ""
+    last = point.low + point.width - 1
+    return f".{point.low}" if last == point.low else f".{point.low} to {point.address}.{last}"
