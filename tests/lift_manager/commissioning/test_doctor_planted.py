@@ -171,7 +171,7 @@ WORDS = {
     "wrong unit id, another one answers": "unit 1 does not answer, and unit 3 does. Write `unit_id: 3`",
     "a gateway that answers for any unit id": "every unit id, 247 included.*If this is a gateway",
     "holding registers for input registers": "alive at holding:0: .*exception 02.*whether they are input registers",
-    "holding registers for input registers, with the cure": "makes sense with input registers for holding registers",
+    "holding registers for input registers, with the remedy": "makes sense with input registers for holding registers",
     "wrong port: nothing listens": "nothing listens on port 502",
     "wrong port: something else listens": "speaks no Modbus/TCP.*Find the Modbus/TCP port",
     "no cable, or a firewall": "nothing takes the connection. Look at power and cable",
