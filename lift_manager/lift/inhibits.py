@@ -170,13 +170,9 @@ def command_refusal(config: LiftConfig, record: LiftRecord, moment: Moment, *, g
     `goes_on` means that its robot has begun already: it has to get out at any hour.
     """
     name, observation = config.name, fresh(config, record, moment)
-    if (refused := locked_out(config, record, moment)) is not None:
+    refused = locked_out(config, record, moment) or never_called(config)
+    if refused is not None:
         return refused
-    if not config.control:
-        return Refused(Refusal.MONITOR_ONLY, f"{name} is only watched: its site file does not say `access: control`")
-    if not config.capabilities.commands.intersection(_CALLS_OF_EMPTY_CAR):
-        text = f"{name} cannot be called: its map {config.capabilities.map_name} has neither go_to nor call"
-        return Refused(Refusal.NOT_POSSIBLE, text)
     if observation is None:
         return Refused(Refusal.OFFLINE, offline_text(config, record, moment))
     if record.durable.fire_since is not None:
@@ -184,6 +180,17 @@ def command_refusal(config: LiftConfig, record: LiftRecord, moment: Moment, *, g
     if (why_not := barred_by(observation.values, config.capabilities)) is not None:
         return Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
     return None if goes_on else draining(config, record, moment) or _outside_hours(config, moment)
+
+
+def never_called(config: LiftConfig) -> Refused | None:
+    """Refuse a lift that is never called, by its site or by its map."""
+    name = config.name
+    if not config.control:
+        return Refused(Refusal.MONITOR_ONLY, f"{name} is only watched: its site file does not say `access: control`")
+    if not config.capabilities.commands.intersection(_CALLS_OF_EMPTY_CAR):
+        text = f"{name} cannot be called: its map {config.capabilities.map_name} has neither go_to nor call"
+        return Refused(Refusal.NOT_POSSIBLE, text)
+    return None
 
 
 def unknown_floor(config: LiftConfig, floor: FloorName) -> Refused | None:

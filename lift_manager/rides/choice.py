@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from drivers.model import FloorName
 from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.inhibits import never_called
 from lift_manager.lift.observation import Moment
 from lift_manager.lift.queue import ahead_of
 from lift_manager.lift.refusals import STOPPING, Refusal, Refused
@@ -193,11 +194,8 @@ def why_never(request: RideRequest, lift: LiftConfig) -> Refused | None:
     if request.door is not None and request.door not in doors:
         text = f"{name} has no {request.door} door at {request.start}; there it has {', '.join(doors) or 'none'}"
         return Refused(Refusal.NOT_POSSIBLE, text)
-    if not lift.control:
-        return Refused(Refusal.MONITOR_ONLY, f"{name} is only watched: its site file does not say `access: control`")
-    if not able.commands & {"go_to", "call"}:
-        text = f"{name} cannot be called: its map {able.map_name} has neither go_to nor call"
-        return Refused(Refusal.NOT_POSSIBLE, text)
+    if (refused := never_called(lift)) is not None:
+        return refused
     if why := _why_unreachable(request, lift):
         return Refused(Refusal.NOT_POSSIBLE, f"{name} lets no robot through its door: its map {able.map_name} {why}")
     return None

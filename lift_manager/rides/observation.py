@@ -193,7 +193,9 @@ def _why_not_passable(state: LiftState, session: SessionInfo, floor: FloorName |
         return f"the door at {floor} is open, and the lift does not give `{permission}`"
     if state.restrictions.lockout:
         return f"the door at {floor} is open, and robots are locked out"
-    return f"the door at {floor} is open, and the lift is not in a mode for robots (its mode is {state.mode})"
+    if state.mode in ROBOT_FORBIDDEN_MODES:
+        return f"the door at {floor} is open, and the lift is not in a mode for robots (its mode is {state.mode})"
+    return f"the door at {floor} is open; waits for a reading that confirms it"
 
 
 def _offline_text(record: RideRecord, observed: RideObservation) -> str:

@@ -40,6 +40,7 @@ def candidate(
             "its map by-hand has no hold for the front door at L1",
         ),
         (config(capabilities=replace(NO_HOLD, until={"call": "robot_left"})), REQUEST, None, ""),
+        (config(capabilities=replace(ABLE, commands=ABLE.commands - {"go_to"} | {"go_to.front"})), REQUEST, None, ""),
         (config(doors_at={}), REQUEST, Refusal.NOT_POSSIBLE, "its map by-hand shows no door at L1"),
         (
             config(capabilities=replace(ABLE, doors=())),

@@ -289,16 +289,21 @@ def test_a_car_that_is_open_and_not_held_yet_says_that_it_waits_for_the_hold() -
     [
         ({"permissions": {"may_enter": False, "may_leave": True}}, "and the lift does not give `may_enter`"),
         (
-            {"permissions": {"may_enter": True, "may_leave": False}},
-            "and the lift is not in a mode for robots (its mode is normal)",
+            {"permissions": {"may_enter": True, "may_leave": False}, "mode": Mode.INDEPENDENT},
+            "and the lift is not in a mode for robots (its mode is independent)",
         ),
-        ({}, "and the lift is not in a mode for robots (its mode is normal)"),
         ({"restrictions": Restrictions(lockout="M. Weber: cleaning")}, "and robots are locked out"),
     ],
 )
 def test_an_open_door_that_invites_nobody_says_what_is_missing(more: dict[str, object], words: str) -> None:
     barred = _but(OPEN_AT_START, robot_door=RobotDoor.MOVING, **more)
     assert tick(ride(Phase.BOARDING), barred).record.reason == f"the door at L1 is open, {words}"
+
+
+def test_an_open_door_that_only_the_next_reading_can_confirm_waits_for_it() -> None:
+    seen_once = _but(OPEN_AT_START, robot_door=RobotDoor.MOVING)
+    reason = tick(ride(Phase.BOARDING), seen_once).record.reason
+    assert reason == "the door at L1 is open; waits for a reading that confirms it"
 
 
 def test_a_ride_that_ends_with_its_robot_perhaps_inside_speaks_to_it() -> None:
