@@ -113,9 +113,9 @@ def _holder_has_to(session: Session, call: Call, *, is_hold: bool) -> str:
     if call.phase is not CallPhase.FAILED:
         return ""
     if session.is_restored:
-        return f"{session.holder} to ask again after a restart of the manager"
+        return f"{session.holder} to send another request after a restart of the manager"
     if is_hold and call.reached:
-        return f"{session.holder} to ask again, because the call that keeps the door open is off"
+        return f"{session.holder} to send another request, because the call that keeps the door open is off"
     return ""
 
 

@@ -77,7 +77,7 @@ def _session(event: SessionOpened | SessionRestored | SessionEnded | HandedOver 
         case HandedOver(_, _, to):
             data, text = {"handed_to": str(to)}, f"{holder} hands the lift over to {to}"
         case Advised(_, _, advice, why):
-            data, text = {"advice": advice}, f"{holder} is told {advice}: {why}"
+            data, text = {"advice": advice}, f"{holder} is advised {advice}: {why}"
     return Row(RowKind.SESSION, text, event.lift, holder, data)
 
 
@@ -239,9 +239,9 @@ def request_row(lift: str, words: RequestWords) -> Row:
     floor = short(words.floor or "")
     if not words.what:
         return Row(
-            RowKind.REQUEST, f"asks for {floor}{words.more}", lift, str(words.holder), {"floor": floor, **words.data}
+            RowKind.REQUEST, f"requests {floor}{words.more}", lift, str(words.holder), {"floor": floor, **words.data}
         )
-    return Row(RowKind.REQUEST, f"asks: {words.text}", lift, str(words.holder), {"do": words.what, "floor": floor})
+    return Row(RowKind.REQUEST, f"requests: {words.text}", lift, str(words.holder), {"do": words.what, "floor": floor})
 
 
 def refusal_row(lift: str, words: RequestWords, refused: Refused) -> Row:
@@ -334,13 +334,15 @@ def _counted(lift: str, holder: Holder, caller: CallerRows, now: float) -> tuple
     times, for_s = sum(limiter.counts.values()), now - limiter.counted_since
     if not limiter.repeats_only or words is None:
         answers = ", ".join(f"{count} {code}" for code, count in sorted(limiter.counts.items()))
-        text = f"asks {times} times more within {for_s:.0f} s: {answers}"
+        more = "once more" if times == 1 else f"{times} more times"
+        text = f"requests {more} within {for_s:.0f} s: {answers}"
         data: dict[str, Json] = {"times": times, "answers": dict(limiter.counts)}
         return (Row(RowKind.REQUEST, text, lift, str(holder), data),)
     floor = short(words.floor or "")
-    again = f"asks again: {words.text}," if words.what else f"asks for {floor} again,"
+    again = f"requests again: {words.text}," if words.what else f"requests {floor} again,"
     said: dict[str, Json] = {"do": words.what} if words.what else {"floor": floor}
-    text = f"{again} {times} times within {for_s:.0f} s, with the same answer"
+    how_often = "once" if times == 1 else f"{times} times"
+    text = f"{again} {how_often} within {for_s:.0f} s, with the same answer"
     return (Row(RowKind.REQUEST, text, lift, str(holder), {**said, "times": times}),)
 
 

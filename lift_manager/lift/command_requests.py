@@ -71,7 +71,7 @@ def _go_to(draft: Draft, session: Session, command: CommandRequest) -> Refused |
 def _hold_door(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
     config = draft.config
     if session.floor is None:
-        return _not_now(draft, "it was asked for no floor yet: ask for one with go_to, and hold_door with it")
+        return _not_now(draft, "no floor was requested yet: request one with go_to, and hold_door with it")
     if session.hold_spent and not may_hold_again(session, config, draft.now):
         limit = config.hold_limit
         return _not_now(

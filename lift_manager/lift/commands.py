@@ -30,7 +30,7 @@ SAVED_COMMANDS, SAVED_SESSIONS = 16, 8
 ten commands, and a caller that lost its reply over a restart repeats the request within minutes."""
 
 REPLACED = "another request took its place"
-RESTARTED = "the manager was restarted, and nobody watches what comes of it; ask again"
+RESTARTED = "the manager was restarted, and nobody watches what comes of it; send it again"
 
 
 @unique
@@ -346,7 +346,7 @@ def _hold_door(pending: PendingCommand, lift: SessionOnLift, now: float) -> Pend
         return broken_off(pending, REPLACED)
     if lift.hold_spent:
         return broken_off(
-            pending, f"the door was held for as long as {lift.hold_limited_by} allows in one stop, and is let go"
+            pending, f"the door was held for as long as {lift.hold_limited_by} allows in one stop, and is released"
         )
     call = lift.call
     if call.phase is CallPhase.FAILED:
@@ -369,9 +369,9 @@ def _end_door_hold(pending: PendingCommand, lift: SessionOnLift, now: float) -> 
         return Verdict(CommandState.CONFIRMED, proof=Proof.READBACK if pending.pressed else Proof.NONE)
     since = _due_since(pending, now)
     if now - since <= DOOR_WITHIN_S:
-        waiting_for = "the lift to show that the door is let go"
+        waiting_for = "the lift to show that the door is released"
         return replace(pending, waiting_for=waiting_for, pressed=True, due_since=since)
-    why = f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is let go; letting go is repeated until it does"
+    why = f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is released; the release is repeated until it does"
     return Verdict(CommandState.UNCONFIRMED, why)
 
 
@@ -409,7 +409,7 @@ def _by_progress(
         waiting_for = lift.waiting_for or "its button to be pressed"
         return replace(pending, waiting_for=waiting_for, pressed=pending.pressed and not not_sent)
     if progress.phase is None:
-        return broken_off(pending, f"{what} is no longer wanted")
+        return broken_off(pending, f"{what} is no longer requested")
     if not pending.pressed:
         pause = f"; it may be pressed again in {progress.again_in_s:.1f} s" if progress.again_in_s > 0 else ""
         return Verdict(CommandState.REJECTED, f"{what} is not pressed: {progress.reason}{pause}")

@@ -277,7 +277,7 @@ def press_close(draft: Draft) -> None:
     if not is_free:
         if draft.now - closing.since <= DOOR_WITHIN_S:
             return
-        why_not = f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is let go"
+        why_not = f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is released"
     if why_not is not None:
         draft.change(closing=replace(closing, progress=CommandProgress(CallPhase.FAILED, why_not)))
         return

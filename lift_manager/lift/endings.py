@@ -233,7 +233,7 @@ def _why_contested(draft: Draft, session: Session, caller: Holder) -> tuple[EndR
     # what it was invited to immediately before the restart may not be on the disk
     is_crossed = session.is_just_restored(draft.now) and doors.may_be_crossed(config, draft.record)
     if session.is_unclaimed and not (is_occupied or is_crossed):
-        return EndReason.UNCLAIMED, f"{caller} was heard first after a restart of the manager"
+        return EndReason.UNCLAIMED, f"{caller} sent the first request after a restart of the manager"
     if silent_s >= SILENT_S:
         _alarm_about_silence(draft, session, caller, silent_s)
     if session.is_unclaimed:
@@ -243,7 +243,7 @@ def _why_contested(draft: Draft, session: Session, caller: Holder) -> tuple[EndR
     allowed_s = config.takeover_after_s
     if allowed_s is None or silent_s < allowed_s or is_occupied:
         return None
-    return EndReason.TAKEN_OVER, f"{session.holder} was not heard for {silent_s:.0f} s, and {caller} asked"
+    return EndReason.TAKEN_OVER, f"{session.holder} sent nothing for {silent_s:.0f} s, and {caller} requested the lift"
 
 
 def _alarm_about_silence(draft: Draft, session: Session, caller: Holder, silent_s: float) -> None:

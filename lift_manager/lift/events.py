@@ -142,7 +142,7 @@ class ForceReleased:
     @property
     def text(self) -> str:
         """The reply to the person."""
-        done = f"the session of {self.holder} on {self.lift} is over; everything is let go, and the car is not moved"
+        done = f"the session of {self.holder} on {self.lift} is over; everything is released, and the car is not moved"
         if self.clear_s:
             done = (
                 f"{self.lift} no longer invites the robot of {self.holder}; its door is released in {self.clear_s:g} s, when the"
@@ -151,7 +151,7 @@ class ForceReleased:
         if not self.maybe_aboard:
             return done
         return (
-            f"{done}. A robot of {self.holder} may be in the car: others are refused until {self.holder} asks again or a"
+            f"{done}. A robot of {self.holder} may be in the car: others are refused until {self.holder} sends another request or a"
             f" person has looked: {how_to_acknowledge(self.lift)}"
         )
 
@@ -207,15 +207,15 @@ Event = (
 
 def fire_text(*, control: bool) -> str:
     """Return the alarm of a fire; of a lift that is only watched nothing is ever held."""
-    done = "everything is let go, robots are refused" if control else "this lift is only watched; robots are refused"
+    done = "everything is released, robots are refused" if control else "this lift is only watched; robots are refused"
     return f"fire: {done} until a person has checked the lift"
 
 
 def stopping_text(holder: Holder) -> str:
     """Return the alarm of a manager that stops while a robot may be in the car."""
     return (
-        f"stopping: the manager ends while a robot of {holder} may be in the car; everything is let go, and the session is"
-        " kept: it goes on at the next start"
+        f"stopping: the manager ends while a robot of {holder} may be in the car; everything is released, and the session is"
+        " kept: it continues at the next start"
     )
 
 
@@ -223,7 +223,7 @@ def abandoned_text(holder: Holder, reason: str) -> str:
     """Return the alarm of a session that ended with its robot aboard."""
     return (
         f"aboard_abandoned: the session of {holder} is over with its robot aboard ({reason});"
-        " everything is let go, and the lift is not told that the robot left"
+        " everything is released, and the lift gets no report that the robot left"
     )
 
 
@@ -231,26 +231,26 @@ def maybe_occupied_text(lift: str, holder: Holder, reason: str) -> str:
     """Return the alarm of a session that ended after its robot could have entered."""
     return (
         f"maybe_occupied: the session of {holder} is over ({reason}), and its robot may have entered the car; others are"
-        f" refused until {holder} asks again or a person has looked: {how_to_acknowledge(lift)}"
+        f" refused until {holder} sends another request or a person has looked: {how_to_acknowledge(lift)}"
     )
 
 
 def silent_text(lift: str, holder: Holder, caller: Holder, silent_s: float) -> str:
     """Return the alarm about a holder that is silent while another caller requests the lift."""
     return (
-        f"silent_holder: {holder} holds the lift and has not been heard for {silent_s:.0f} s, and {caller} asks for it; if"
-        f" {holder} needs it no more, a person ends its session: {how_to_release(lift)}"
+        f"silent_holder: {holder} holds the lift and has sent nothing for {silent_s:.0f} s, and {caller} requests it; if"
+        f" {holder} no longer needs it, a person ends its session: {how_to_release(lift)}"
     )
 
 
 def unclaimed_text(lift: str, where: str) -> str:
     """Return what a refusal adds if the holder of the lift was silent since a restart; `where` its robot may be."""
     return (
-        f"it was not heard since a restart of the manager, and its robot may be in the {where}; if it needs the lift no more, a"
+        f"it has sent nothing since a restart of the manager, and its robot may be in the {where}; if it no longer needs the lift, a"
         f" person ends its session: {how_to_release(lift)}"
     )
 
 
 def hold_spent_text(holder: Holder, limit: HoldLimit) -> str:
     """Return the alarm of a door that was held for as long as its limit allows."""
-    return f"the door was held for {limit.seconds:g} s, as long as {limit.set_by} allows; it is let go, {holder} keeps the lift"
+    return f"the door was held for {limit.seconds:g} s, as long as {limit.set_by} allows; it is released, {holder} keeps the lift"

@@ -133,9 +133,9 @@ def _why_unknown(draft: Draft, session: Session | None, floor: FloorName, word: 
     if not in_doubt or not occupancy_matters(draft.config.capabilities) or word is not None or stays_here:
         return None
     known = observation is not None and observation.floor is not None
-    here = f", ask for {observation.floor}, where the car is" if known and observation is not None else ""
+    here = f", request {observation.floor}, where the car is" if known and observation is not None else ""
     person = person_looks_text(draft.config.name)
-    return f"your robot may have entered the car; say that it is in place or has left{here}, or {person}"
+    return f"your robot may have entered the car; report that it is in place or has left{here}, or {person}"
 
 
 def _request_words(

@@ -119,7 +119,7 @@ def command_by_key(record: LiftRecord, request: CommandRequest, moment: Moment) 
     entry = next((one for one in entries if one.request.key == request.key), None)
     if entry is None or entry.request == request:
         return None if entry is None else entry.status
-    text = f"this idempotency key was used for {_in_words(entry.request)}; another wish needs another key"
+    text = f"this idempotency key was used for {_in_words(entry.request)}; another request needs another key"
     return Refused(Refusal.KEY_REUSED, text)
 
 
@@ -136,7 +136,7 @@ def key_reused(request: OpenSession, ttl_s: float | None) -> Refused | None:
     if request.ttl_s == ttl_s:
         return None
     lease = "without `ttl_s`" if ttl_s is None else f"with `ttl_s` {ttl_s:g}"
-    text = f"this idempotency key was used to open a session {lease}; another wish needs another key"
+    text = f"this idempotency key was used to open a session {lease}; another request needs another key"
     return Refused(Refusal.KEY_REUSED, text)
 
 
@@ -267,5 +267,7 @@ def _over_with_session(pending: PendingCommand, over: SessionOver) -> Verdict:
     sent = (
         "it was sent to the lift, and nobody watches what comes of it" if pending.pressed else "nothing was sent for it"
     )
-    text = f"the manager is stopping: {sent}; the session goes on when the manager has started again, then ask again"
+    text = (
+        f"the manager is stopping: {sent}; the session continues when the manager has started again, then send it again"
+    )
     return broken_off(pending, text)

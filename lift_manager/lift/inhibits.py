@@ -105,7 +105,7 @@ def barred_by(values: LiftValues, capabilities: Capabilities) -> str | None:
             raw = f" reads {values.unknown[flag]}, which its map does not list" if flag in values.unknown else ""
             return f"its signal {flag}{raw or ' cannot be read'}; check its wiring and its entry in the map"
     if capabilities.watched and values.watchdog_s == 0:
-        return "the module watchdog is switched off: nothing would let go of the door if this manager were lost"
+        return "the module watchdog is switched off: nothing would release the door if this manager were lost"
     return None
 
 
@@ -136,7 +136,7 @@ def why_no_close(config: LiftConfig, record: LiftRecord, moment: Moment, *, hold
     if not (record.call_has_arrived and observation.floor == floor and observation.is_standing):
         return f"the car does not stand at {floor} for this session"
     if record.boarding.reported is Occupancy.MAY_BOARD:
-        return "the robot may be in the doorway; say robot_in_place or robot_left first"
+        return "the robot may be in the doorway; send robot_in_place or robot_left first"
     return "the door is to be held" if hold_door else None
 
 
@@ -153,7 +153,7 @@ def waits_for(config: LiftConfig, record: LiftRecord, moment: Moment) -> str:
     if record.disk_trouble and not (record.call is not None and record.call.was_pressed):
         return f"the disk: {record.disk_trouble}"
     if people_have_their_turn(record, moment):
-        return f"the turn of people, who have the lift for {config.between_sessions_s:g} s after each robot"
+        return f"people, whose turn it is for {config.between_sessions_s:g} s after each robot"
     if record.waiting_for:
         return record.waiting_for
     if record.repeats_robot_left and record.robot_left.is_late:
@@ -257,7 +257,7 @@ def robot_of_another(config: LiftConfig, record: LiftRecord, caller: Holder) -> 
     if (holder := record.abandoned_by) in (None, caller):
         return None
     person = person_looks_text(config.name)
-    text = f"a robot of {holder} may still be aboard; {holder} must ask for the lift again, or {person}"
+    text = f"a robot of {holder} may still be aboard; {holder} must send another request, or {person}"
     return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{config.name}: {text}", Blocking(holder=holder))
 
 
@@ -265,19 +265,19 @@ def robot_words_needed(config: LiftConfig) -> Refused | None:
     """Refuse a caller that cannot report its robot where the lift needs that: its robot would ride in, and be taken nowhere."""
     if not occupancy_matters(config.capabilities) or config.infer_occupancy:
         return None
-    why = "has to be told when a robot is in place, and this caller has no word for it; set `infer_occupancy: true`"
-    return Refused(Refusal.NOT_POSSIBLE, f"{config.name} {why} in the site file, if its requests may count as one")
+    why = "has to learn when a robot is in place, and this caller cannot report that; set `infer_occupancy: true`"
+    return Refused(Refusal.NOT_POSSIBLE, f"{config.name} {why} in the site file, if its requests may count as a report")
 
 
 def too_early_to_acknowledge(config: LiftConfig, record: LiftRecord, moment: Moment) -> Refused | None:
     """Refuse an acknowledgement while an alarm may go on: nobody can have checked the lift yet."""
     name, observation = config.name, fresh(config, record, moment)
-    unsure = "nobody can tell whether an alarm is over, so nothing is acknowledged until it is read again"
+    unsure = "the alarm may still be on, so nothing is acknowledged until its signal is read again"
     if observation is None:
         return Refused(Refusal.OFFLINE, f"{offline_text(config, record, moment)}; {unsure}")
     values = observation.values
     if is_on_fire(values) or record.fire_release_at is not None:
-        text = f"{name} still tells of a fire; acknowledge it once the alarm is over and the lift was checked"
+        text = f"{name} still reports a fire; acknowledge it once the alarm is over and the lift has been checked"
         return Refused(Refusal.FIRE_ACTIVE, text)
     signal = unreadable_fire_signal(values, config.capabilities)
     if signal is None or record.durable.fire_since is None:
@@ -332,7 +332,7 @@ def clock_text(at: datetime, moment: Moment) -> str:
 
 def person_looks_text(lift: str) -> str:
     """Return what ends a doubt about a robot in the car."""
-    return f"a person must look into the car and say so: {how_to_acknowledge(lift)}"
+    return f"a person must look into the car and acknowledge that: {how_to_acknowledge(lift)}"
 
 
 def repeated_text(lift: str) -> str:
@@ -344,8 +344,8 @@ def _after_fire(config: LiftConfig, record: LiftRecord, since: datetime, moment:
     occupied, name = record.durable.occupied, config.name
     robot = "" if occupied is None else f" look for a robot of {occupied.holder} in its car, and"
     text = (
-        f"{name} was in fire service ({clock_text(since, moment)}); a person must check it, and{robot} say so once the alarm is"
-        f" over: {how_to_acknowledge(name)}"
+        f"{name} was in fire service ({clock_text(since, moment)}); a person must check it, and{robot} acknowledge that once the"
+        f" alarm is over: {how_to_acknowledge(name)}"
     )
     return Refused(Refusal.FIRE_LATCHED, text)
 

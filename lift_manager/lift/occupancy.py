@@ -195,13 +195,13 @@ def _robot_in_place(boarding: BoardingProgress, stop: Stop | None) -> BoardingPr
     if boarding.occupancy is Occupancy.ABOARD:
         return boarding
     if boarding.occupancy is Occupancy.OUTSIDE and stop is not None and not stop.has_arrived:
-        return f"no robot can be in place, because the car has not arrived at {stop.floor}; say it once the robot is inside"
+        return f"no robot can be in place, because the car has not arrived at {stop.floor}; report it once the robot is inside"
     return BoardingProgress(Occupancy.ABOARD)
 
 
 def _robot_left(boarding: BoardingProgress) -> BoardingProgress | str:
     if boarding.occupancy is Occupancy.ABOARD and boarding.may_leave_at is None:
-        return "no robot can have left, because the door has not stood open for it; say it once the robot is outside"
+        return "no robot can have left, because the door has not stood open for it; report it once the robot is outside"
     return BoardingProgress() if boarding.occupancy is Occupancy.OUTSIDE else BoardingProgress(Occupancy.EXITED)
 
 
@@ -213,15 +213,16 @@ def _sent_on(boarding: BoardingProgress, stop: Stop, config: LiftConfig, now: fl
         return BoardingProgress(sent_on=boarding.may_be_in_car)
     unknown = f"a robot may have entered the car at {stop.floor}"
     if not config.infer_occupancy:
-        return f"{unknown}; say that the robot is in place, or set `infer_occupancy: true` in the site file"
+        return f"{unknown}; report that the robot is in place, or set `infer_occupancy: true` in the site file"
     if not stop.is_open:
         return (
-            f"{unknown}, but the car does not stand open for it there now; say that the robot is in place, or ask again"
+            f"{unknown}, but the car does not stand open for it there now;"
+            " report that the robot is in place, or send another request"
         )
     open_for_s = now - (boarding.open_since if boarding.open_since is not None else now)
     if open_for_s < config.board_min_s:
         return (
             f"{unknown}: its door has stood open for {open_for_s:.1f} s, and a robot counts as aboard after"
-            f" {config.board_min_s:g} s; say that the robot is in place, or ask again"
+            f" {config.board_min_s:g} s; report that the robot is in place, or send another request"
         )
     return BoardingProgress(Occupancy.ABOARD)

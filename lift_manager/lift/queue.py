@@ -77,7 +77,7 @@ def why_not_yet(lift: str, queue: Queue, holder: Holder, now: float) -> Refused 
     """Refuse a free lift to everybody but the first in the queue."""
     if (ahead := ahead_of(queue, holder, now)) == 0:
         return None
-    text = f"{lift} is free, and {ahead} that waited for it {'comes' if ahead == 1 else 'come'} first; ask again"
+    text = f"{lift} is free, and {ahead} that waited for it {'comes' if ahead == 1 else 'come'} first; send another request"
     return Refused(Refusal.QUEUED, text, Blocking(ahead=ahead))
 
 

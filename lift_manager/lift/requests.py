@@ -419,7 +419,7 @@ def too_often(draft: Draft, holder: Holder) -> Refused | None:
     wait_s = max(0.0, (_turns_used(draft, holder) - (TURNS - 1)) * TURN_EVERY_S)
     if wait_s <= 0:
         return None
-    text = f"{draft.config.name} was asked for another floor too often by {holder}; ask again in {wait_s:.1f} s"
+    text = f"{draft.config.name} was requested at another floor too often by {holder}; send another request in {wait_s:.1f} s"
     return Refused(Refusal.TOO_OFTEN, text)
 
 

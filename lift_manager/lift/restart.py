@@ -188,8 +188,8 @@ def restore(draft: Draft) -> None:
     if draft.config.has(ROBOT_MODE):
         draft.change(robot_mode=RobotModeHold(is_requested=True, was_pressed=True, renewed_at=draft.now))
     call = "its call is followed" if saved.pressed else "its call was not pressed, and waits for its next request"
-    text = f"to {session.floor}, {call}; what is found off stays off until it asks again"
-    text = text if session.floor is not None else "and asked for no floor yet"
+    text = f"to {session.floor}, {call}; what is found off stays off until it sends another request"
+    text = text if session.floor is not None else "without a requested floor"
     draft.emit(SessionRestored(draft.config.name, session.holder, session.floor, text))
 
 

@@ -18,7 +18,7 @@ RMF = "rmf"
 """The face of every holder that Open-RMF has."""
 
 NO_LEASE: Mapping[str, str] = {
-    RMF: "on humble, RMF asks no more once the lift is where it is wanted, so silence says nothing (open-rmf 1.6.12)",
+    RMF: "on humble, RMF sends nothing once the lift is at the requested floor, so silence means nothing (open-rmf 1.6.12)",
 }
 """Faces whose callers cannot renew a lease, and why. Their sessions end by request, or after `max_session_s`."""
 
@@ -38,7 +38,7 @@ SILENT_S = 30.0
 CLEAR_AT_STOP_S = 3.0
 """`clear_s` of a manager that stops: the process has five seconds in all. A robot at 0.5 m/s drives 1.5 m in that time."""
 
-STOPPING_TEXT = "the manager is stopping; the session is kept and goes on at the next start"
+STOPPING_TEXT = "the manager is stopping; the session is kept and continues at the next start"
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,7 +104,7 @@ class Choices:
         if inside and chosen.lift not in inside:
             lift, ride = next(iter(inside.items()))
             text = (
-                f"your robot may be in the car of {lift}: say `left` for ride {ride} once it is outside, or begin a ride with"
+                f"your robot may be in the car of {lift}: send `left` for ride {ride} once it is outside, or begin a ride with"
                 f" {lift} from inside"
             )
             return Refused(Refusal.NOT_NOW, text)

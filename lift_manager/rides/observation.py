@@ -151,9 +151,9 @@ def why_not_open(record: RideRecord, observed: RideObservation, floor: FloorName
     if not is_live(state):
         return _offline_text(record, observed)
     if record.silent_since is not None and not stands_open(record, observed, floor):
-        return "waits to hear the robot after a restart of the manager: it has to say `here`"
+        return "waits for a report of the robot after a restart of the manager: it has to send `here`"
     if session is None or session.over is not None:
-        return "the session is not taken up yet"
+        return "the ride has no session yet"
     if state.holder != record.holder:
         return f"{state.lift} is held by {state.holder or 'nobody'}"
     return _why_not_there(record, session, floor) or _why_shut(state, session, floor)
@@ -224,11 +224,11 @@ def why_not_taken(record: RideRecord, observed: RideObservation, moment: Moment)
 def _why_silent(record: RideRecord, now: float) -> str:
     if record.silent_since is None:
         return ""
-    waits = "waits to hear the robot after a restart of the manager: it has to say `here`"
+    waits = "waits for a report of the robot after a restart of the manager: it has to send `here`"
     remaining_s = record.silent_since + RESTORED_FOR_S - now
     if remaining_s > 0:
         return f"{waits} within {remaining_s:.0f} s to keep its place"
-    return f"{waits}; it has lost its place in the line"
+    return f"{waits}; it has lost its place in the queue"
 
 
 def _why_doubted(record: RideRecord, observed: RideObservation) -> str:
@@ -239,16 +239,16 @@ def _why_doubted(record: RideRecord, observed: RideObservation) -> str:
     caller, where = record.request.caller, f"in the car of {doubt.lift}"
     if record.request.robot:
         return (
-            f"your robot may be {where}: say `left` for ride {doubt.ride}, or begin a ride anew from inside, or say `here` for"
+            f"your robot may be {where}: send `left` for ride {doubt.ride}, or begin another ride from inside, or send `here` for"
             " this one"
         )
-    unnamed = "robots without names cannot be told apart: give each its name with `robot`"
+    unnamed = "robots without names cannot be distinguished: give each its name with `robot`"
     if doubt.goes_on:
         return (
             f"the robot of ride {doubt.ride} of {caller} may be {where}, and {unnamed}; waits until that ride is over"
         )
     return (
-        f"a robot of {caller} may be {where}, and {unnamed}; say `left` for ride {doubt.ride}, or `here` for this one if its"
+        f"a robot of {caller} may be {where}, and {unnamed}; send `left` for ride {doubt.ride}, or `here` for this one if its"
         " robot is inside"
     )
 
@@ -271,7 +271,7 @@ def _why_kept_out(record: RideRecord, observed: RideObservation) -> str:
         return f"the signals of {state.lift} are distrusted: {restrictions.distrusted}"
     if restrictions.maybe_aboard not in (None, record.holder, state.holder):
         return (
-            f"a robot of {restrictions.maybe_aboard} may be in the car; it has to say that it left, or a person must look:"
+            f"a robot of {restrictions.maybe_aboard} may be in the car; it has to report that it left, or a person must look:"
             f" {how_to_acknowledge(state.lift)}"
         )
     return ""

@@ -100,7 +100,7 @@ def begin_clearing(record: RideRecord, clearing: Clearing, observed: RideObserva
 def clearing_text(record: RideRecord) -> str:
     """Return what is done for a robot inside."""
     if record.silent_since is not None:
-        return "nothing is pressed before the robot is heard: look into the car"
+        return "nothing is pressed before the robot sends a report: look into the car"
     return "it is being let out"
 
 
@@ -129,7 +129,7 @@ def _queue(record: RideRecord, observed: RideObservation, moment: Moment) -> Pro
     why = why_not_taken(record, observed, moment)
     if not why and record.failure and moment.now - record.requested_at < REPEAT_S:
         why = record.failure
-    reason = why or record.failure or f"its turn has come: asks for {record.lift}"
+    reason = why or record.failure or f"its turn has come: requests {record.lift}"
     ahead = observed.ahead + int(observed.is_held_by_another(record.holder))
     waiting = replace(record, guidance=Guidance.WAIT, reason=reason, ahead=ahead)
     return Progress(waiting, () if why else (_to_lift(record, OpenSession(record.holder, key=record.id)),))
@@ -173,9 +173,9 @@ def _alight(record: RideRecord, observed: RideObservation, moment: Moment) -> Pr
 def _clear(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress:
     cause, floor = _cause(record), _clearing_floor(record, observed, moment)
     is_open = stands_open(record, observed, floor)
-    why = "say `left` once the robot is outside" if is_open else why_not_open(record, observed, floor)
+    why = "send `left` once the robot is outside" if is_open else why_not_open(record, observed, floor)
     if not (is_open or record.has_entered):
-        why = f"{why}; if the robot is inside, stay there until the door opens; say `entered` or `left`"
+        why = f"{why}; if the robot is inside, stay there until the door opens; send `entered` or `left`"
     guidance = Guidance.LEAVE if is_open else _wait_or_stay(record)
     clearing = replace(record, clear_at=floor, guidance=guidance, reason=f"{cause}; {why}" if why else cause)
     return Progress(clearing, _request_open(clearing, observed, moment, floor))
@@ -260,7 +260,7 @@ def _late_call(record: RideRecord, observed: RideObservation, moment: Moment) ->
 
 
 def _late_boarding(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress:
-    why = f"nobody said within {record.request.limits.boarding_s:g} s whether the robot is inside"
+    why = f"nobody reported within {record.request.limits.boarding_s:g} s whether the robot is inside"
     return begin_clearing(record, Clearing(Phase.GAVE_UP, why), observed, moment)
 
 
@@ -276,7 +276,7 @@ def _why_late(record: RideRecord, observed: RideObservation, floor: FloorName) -
 
 
 def _late_alighting(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress:
-    why = f"the robot did not say within {record.request.limits.alighting_s:g} s that it left"
+    why = f"the robot did not report within {record.request.limits.alighting_s:g} s that it left"
     return _clear_with_alarm(record, why, observed, moment)
 
 
@@ -290,11 +290,11 @@ def _late_clearing(record: RideRecord, observed: RideObservation, moment: Moment
     limit_s, waited = record.request.limits.alighting_s, _clear(record, observed, moment).record
     known = "is" if record.has_entered else "may be"
     text = (
-        f"ride_given_up: a robot of {record.holder} {known} in the car of {record.lift} ({waited.reason}), and nobody said within"
-        f" {limit_s:g} s that it left; others are refused until it says so or a person has looked:"
+        f"ride_given_up: a robot of {record.holder} {known} in the car of {record.lift} ({waited.reason}), and nobody reported within"
+        f" {limit_s:g} s that it left; others are refused until it does or a person has looked:"
         f" {how_to_acknowledge(record.lift)}"
     )
-    why = f"{_cause(record)}; nobody said within {limit_s:g} s that the robot left"
+    why = f"{_cause(record)}; nobody reported within {limit_s:g} s that the robot left"
     # the robot may be on its way through the door: it stays open for a moment, and invites nobody
     end = _to_lift(record, EndSession(record.holder, observed.clear_s))
     return Progress(give_up(record, observed, moment, why), (end,), text)

@@ -142,12 +142,12 @@ def too_many(rides: Rides, caller: Holder) -> Refused | None:
     own = [one.id for one in going_on if one.request.caller == caller]
     if len(own) >= MOST_OF_ONE:
         text = (
-            f"{len(own)} rides of {caller} go on, and one caller may have {MOST_OF_ONE} at once; cancel those that no robot"
+            f"{len(own)} rides of {caller} are under way, and one caller may have {MOST_OF_ONE} at once; cancel those that no robot"
             f" waits for: {', '.join(own)}"
         )
         return Refused(Refusal.TOO_MANY, text)
     if len(going_on) >= MOST:
-        text = f"{MOST} rides of all callers go on, and this manager keeps no more; ask again when some are over"
+        text = f"{MOST} rides of all callers are under way, and this manager keeps no more; send the request again when some are over"
         return Refused(Refusal.TOO_MANY, text)
     return None
 
@@ -156,7 +156,7 @@ def find(rides: Rides, ride: str, caller: Holder | None) -> RideRecord | Refused
     """Return a ride to a caller that may report for it; `caller` None is an operator."""
     record = rides.by_id.get(ride)
     if record is None:
-        text = f"no ride {ride!r} goes on here, and none ended within the last hour"
+        text = f"no ride {ride!r} is under way here, and none ended within the last hour"
         return Refused(Refusal.UNKNOWN_RIDE, text)
     if caller not in (None, record.request.caller):
         return Refused(Refusal.NOT_YOUR_RIDE, f"ride {ride} is that of {record.request.caller}")
@@ -181,7 +181,7 @@ def _key_reused(record: RideRecord, request: RideRequest) -> Refused | None:
     limits = "" if request.limits == was.limits else ", with other limits"
     text = (
         f"this idempotency key was used for ride {record.id} from {was.start} to {was.destination} with {lift}{door}{limits};"
-        " another wish needs another key"
+        " another request needs another key"
     )
     return Refused(Refusal.KEY_REUSED, text)
 

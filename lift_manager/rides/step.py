@@ -203,7 +203,7 @@ def _report_entered(record: RideRecord, observed: RideObservation, moment: Momen
     if record.session and (record.maybe_aboard or observed.may_have_boarded):
         return Progress(replace(inside, phase=Phase.RIDING, phase_since=moment.now))
     start = record.request.start
-    text = f"the door has not stood open for the robot at {start} yet; say `entered` once it has gone in there"
+    text = f"the door has not stood open for the robot at {start} yet; send `entered` once it has gone in there"
     return Refused(Refusal.NOT_NOW, text)
 
 
@@ -216,7 +216,7 @@ def _report_left(record: RideRecord, observed: RideObservation, moment: Moment) 
         text = f"the ride is {record.phase}, and the robot cannot have been inside; to end the ride, cancel it"
         return Refused(Refusal.NOT_NOW, text)
     if record.has_entered and record.could_exit_at is None and is_live(observed.state):
-        text = "the door has not stood open since the robot said that it is inside; say `left` once it is outside"
+        text = "the door has not stood open since the robot reported that it is inside; send `left` once it is outside"
         return Refused(Refusal.NOT_NOW, text)
     return Progress(_exit(record, observed, moment), (close(record, RobotWord.LEFT),))
 
@@ -227,7 +227,7 @@ def _exit(record: RideRecord, observed: RideObservation, moment: Moment) -> Ride
     if record.phase is Phase.CLEARING and record.clearing is not None:
         return end_outside(record, record.clearing.ending, observed, moment, record.clearing.cause)
     if not record.has_entered:
-        why = "the robot said that it is outside, before it said that it went in"
+        why = "the robot reported that it is outside, before it reported that it went in"
         return end_outside(record, Phase.CANCELLED, observed, moment, why)
     if where == destination:
         return end_outside(record, Phase.DONE, observed, moment)

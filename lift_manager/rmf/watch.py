@@ -157,7 +157,8 @@ class Watch:
 
 def _report_repetitions(line: _ReportedLine, now: float, every_s: float) -> Iterator[str]:
     if line.repetitions and now - line.reported_at >= every_s:
-        yield f"{line.text}: {line.repetitions} times more"
+        more = "once more" if line.repetitions == 1 else f"{line.repetitions} more times"
+        yield f"{line.text}: {more}"
         line.repetitions, line.reported_at = 0, now
 
 

@@ -4,7 +4,7 @@ RequestRefused          a request is not taken: `code` is stable, the message na
     NotFound            what the request names does not exist: a lift, a ride, a session, a command
     Invalid             the request names a value that the lift does not have
     Conflict            the lift, its session or its people forbid it now
-        LiftTaken       another caller holds the lift, or comes first: ask again
+        LiftTaken       another caller holds the lift, or comes first: send another request
     TooOften            the caller has to be slower
     Unavailable         the manager takes no requests now: it stops, or its disk takes nothing
 """

@@ -148,7 +148,7 @@ class LiftJournal:
             case Alarm(_, text, _):
                 return logging.WARNING, text
             case Advised(_, holder, advice, text):
-                return logging.WARNING, f"{text}; {holder} is told: {advice}"
+                return logging.WARNING, f"{text}; {holder} is advised: {advice}"
             case CommandEnded(_, outcome, _):
                 return self._outcome_line(outcome)
             case SessionOpened(_, holder, floor):

@@ -113,6 +113,7 @@ class RefusalLog:
         kind, caller = whose
         times, shown = sum(answers.values()), ", ".join(f"{count} {code}" for code, count in sorted(answers.items()))
         what = "logged in or out" if kind is RowKind.KEY else "refused"
-        text = f"{what} {times} times more within {for_s:.0f} s: {shown}"
+        more = "once more" if times == 1 else f"{times} more times"
+        text = f"{what} {more} within {for_s:.0f} s: {shown}"
         self._rows.note(Row(kind, text, "", caller, {"times": times, "answers": dict(answers)}))
         return limiter.cleared()

@@ -92,7 +92,7 @@ def used(building: Building) -> Building:
     """Four rows of two days; a caller who means no good."""
     building.write(
         (NOON - timedelta(days=1), "manager", "", "", "a manager started"),
-        (NOON, "request", "east-wing", "workshop:r1", "asks for L2"),
+        (NOON, "request", "east-wing", "workshop:r1", "requests L2"),
         (NOON + timedelta(minutes=1), "alarm", "east-wing", "rmf:=evil", EVIL),
         (NOON + timedelta(hours=2), "person", "old lift", "M. Weber", "locked out: Türantrieb"),
         data={"floor": "Ü2", "evil": EVIL},
@@ -107,7 +107,7 @@ def numbers(printed: str) -> list[int]:
 def test_the_rows_are_printed_by_the_clock_of_the_building(used: Building) -> None:
     lines = used.audit().splitlines()
     assert lines[0] == "     1  2026-11-19 12:00:00             manager               a manager started"
-    assert lines[1] == "     2  2026-11-20 12:00:00  east-wing  request  workshop:r1  asks for L2"
+    assert lines[1] == "     2  2026-11-20 12:00:00  east-wing  request  workshop:r1  requests L2"
     assert lines[3].split() == [
         "4",
         "2026-11-20",
@@ -322,12 +322,12 @@ def test_a_cut_of_rows_that_are_too_old_or_too_many_is_not_odd(used: Building) -
 
 def test_a_broken_chain_is_told_and_ends_with_1(used: Building) -> None:
     used.end()
-    used.sql("UPDATE rows SET text = 'asks for L1' WHERE seq = 2")
+    used.sql("UPDATE rows SET text = 'requests L1' WHERE seq = 2")
     done = called("audit", str(used.file), "--verify")
     assert done.exit_code == 1
     what = "row 2 does not follow row 1: it was changed, or stands in the place of another"
     assert done.stderr == f"{used.journal}: {what}\n"
-    assert done.stdout == "     2  2026-11-20 12:00:00  east-wing  request  workshop:r1  asks for L1\n"
+    assert done.stdout == "     2  2026-11-20 12:00:00  east-wing  request  workshop:r1  requests L1\n"
     used.sql("UPDATE rows SET text = x'00' WHERE seq = 2")
     assert "row 2 was changed: it has no text as its text" in used.audit("--verify", code=1)
 
@@ -423,7 +423,7 @@ ROWS = [
         "request",
         "goods lift 2 (north)",
         "rmf:fleet_a/tiny robot",
-        "asks for L2, hold the door there",
+        "requests L2, hold the door there",
         "{}",
         b"",
     ),
@@ -454,7 +454,7 @@ def test_a_terminal_gets_a_table_with_a_heading_for_each_day() -> None:
     assert table(120) == [
         "Friday 2026-11-20, +08",
         "   row  time      lift                  kind     caller                  text",
-        "     7  12:00:00  goods lift 2 (north)  request  rmf:fleet_a/tiny robot  asks for L2, hold the door there",
+        "     7  12:00:00  goods lift 2 (north)  request  rmf:fleet_a/tiny robot  requests L2, hold the door there",
         "",
         "Saturday 2026-11-21, +08",
         "     8  00:00:00                        alarm                            [bold]no markup[/bold] :door: \\u001b[2J and",
@@ -468,7 +468,7 @@ def test_a_terminal_gets_a_table_with_a_heading_for_each_day() -> None:
 def test_a_narrow_terminal_gets_it_too() -> None:
     lines = table(80)
     assert lines[1] == "time      lift        kind     caller              text"
-    assert lines[2] == "12:00:00  goods lift  request  rmf:fleet_a/tiny    asks for L2, hold the door"
+    assert lines[2] == "12:00:00  goods lift  request  rmf:fleet_a/tiny    requests L2, hold the door"
     assert lines[3] == "          2 (north)            robot               there"
     assert max(map(len, lines)) <= 80
 

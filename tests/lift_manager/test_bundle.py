@@ -73,7 +73,7 @@ class Planted:
         store = SqliteStore(journal, NAME, Limits(keep_days=400, max_mb=500))
         rows = [
             Row(RowKind.MANAGER, "a manager started"),
-            Row(RowKind.REQUEST, "asks for First", "east", "api:amr-7", {"floor": "First", "key": self.token}),
+            Row(RowKind.REQUEST, "requests First", "east", "api:amr-7", {"floor": "First", "key": self.token}),
             Row(RowKind.PERSON, f"lockout by Anna Berg: password: {PASSWORD}", "east", "Anna Berg", {"said": "lockout", "reason": f"use {PASSWORD}"}),
             Row(RowKind.REQUEST, "refused: east is locked out by Anna Berg: she cleans", "east", "api:amr-7"),
             Row(RowKind.LINK, f"connection to https://x:{PASSWORD}@plc failed, digest {self.digest}", "east"),

@@ -95,7 +95,7 @@ def test_a_fire_is_latched_until_somebody_acknowledges_it_also_when_the_manager_
     site.controller.fire(True)
     eventually(lambda: "fire:" in site.manager.err)
     site.restart()
-    assert "still tells of a fire" in site.say("ack", LIFT, "--by", "M. Weber", code=1)
+    assert "still reports a fire" in site.say("ack", LIFT, "--by", "M. Weber", code=1)
     site.controller.fire(False)
     told = eventually(lambda: message if "fire service" in (message := site.refuses()) else "")
     assert "`lift-manager ack east-wing --by NAME`" in told

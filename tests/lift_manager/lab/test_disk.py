@@ -15,7 +15,7 @@ from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import ANSWER_S, LINGER_S
 
 ROW = Row(RowKind.PRESS, "go_to L2 is to be pressed", "lift", data={"command": "go_to"})
-REQUEST = Row(RowKind.REQUEST, "asks for L2", "lift")
+REQUEST = Row(RowKind.REQUEST, "requests L2", "lift")
 FIRE = SavedLift(DurableRecord(fire_since=START_TIME))
 QUICK = Pace(0.01, 0.01)
 

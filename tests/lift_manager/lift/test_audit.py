@@ -51,9 +51,9 @@ def taken(
 
 def test_a_request_and_its_refusal_have_rows() -> None:
     rows, made = taken(RequestRows("lift"), asked(), 0.0)
-    assert made == ["asks for L2, hold the door there"]
+    assert made == ["requests L2, hold the door there"]
     _, made = taken(rows, asked("L3"), 1.0, HELD)
-    assert made == ["asks for L3, hold the door there", "refused: held by r2"]
+    assert made == ["requests L3, hold the door there", "refused: held by r2"]
 
 
 def test_repeats_are_counted_and_told_once_a_minute() -> None:
@@ -62,7 +62,7 @@ def test_repeats_are_counted_and_told_once_a_minute() -> None:
         rows, made = taken(rows, asked(), float(second))
         assert made == []
     _, made = taken(rows, asked(), SUMMARY_EVERY_S + 1)
-    assert made == ["asks for L2 again, 61 times within 60 s, with the same answer"]
+    assert made == ["requests L2 again, 61 times within 60 s, with the same answer"]
 
 
 def test_what_two_callers_repeat_in_turn_is_counted_for_each() -> None:
@@ -71,29 +71,32 @@ def test_what_two_callers_repeat_in_turn_is_counted_for_each() -> None:
         for request, refused in ((asked(), None), (asked("L1", AMR), HELD)):
             rows, made = taken(rows, request, float(second), refused)
             texts += made
-    assert texts == ["asks for L2, hold the door there", "asks for L1, hold the door there", "refused: held by r2"]
+    assert texts == ["requests L2, hold the door there", "requests L1, hold the door there", "refused: held by r2"]
 
 
 def test_a_repeat_with_another_answer_has_a_row() -> None:
     rows, _ = taken(RequestRows("lift"), asked(), 0.0)
     _, made = taken(rows, asked(), 1.0, HELD)
-    assert made == ["asks for L2, hold the door there", "refused: held by r2"]
+    assert made == ["requests L2, hold the door there", "refused: held by r2"]
 
 
 def test_a_press_tells_what_was_only_counted_before() -> None:
     rows, _ = taken(RequestRows("lift"), asked(), 0.0)
     rows, _ = taken(rows, asked(), 1.0)
     rows, made = rows.report(ROBOT, 2.0)
-    assert [row.text for row in made] == ["asks for L2 again, 1 times within 1 s, with the same answer"]
+    assert [row.text for row in made] == ["requests L2 again, once within 1 s, with the same answer"]
     assert rows.report_due(100.0, end=True)[1] == ()
 
 
-def test_more_than_its_share_of_a_minute_is_counted_by_answer() -> None:
+@each_row(
+    ("more", "text"), [(1, "once more within 1 s: 1 accepted"), (4, "4 more times within 1 s: 2 accepted, 2 held")]
+)
+def test_more_than_its_share_of_a_minute_is_counted_by_answer(more: int, text: str) -> None:
     rows = RequestRows("lift")
-    for number in range(REQUEST_ROWS + 4):
+    for number in range(REQUEST_ROWS + more):
         rows, _ = taken(rows, asked(f"L{number}"), 1.0, HELD if number % 2 else None)
     _, made = rows.report_due(2.0, end=True)
-    assert [row.text for row in made] == ["asks 4 times more within 1 s: 2 accepted, 2 held"]
+    assert [row.text for row in made] == [f"requests {text}"]
 
 
 def test_floors_that_the_lift_does_not_have_are_one_request() -> None:
@@ -108,7 +111,7 @@ def test_the_caller_that_was_silent_for_longest_is_forgotten_with_a_row() -> Non
     made: list[str] = []
     for number in range(CALLERS):
         rows, made = taken(rows, asked(holder=Holder("api", f"r{number}")), 1.0)
-    assert made[0] == "asks for L2 again, 1 times within 0 s, with the same answer"
+    assert made[0] == "requests L2 again, once within 0 s, with the same answer"
     assert ROBOT not in rows.callers
 
 
@@ -167,7 +170,7 @@ EVENTS: list[tuple[Event, RowKind, str, str]] = [
         Advised("east", AMR, Advice.CLEAR_DOORWAY, "there is a fire"),
         RowKind.SESSION,
         "rmf:fleet/r1",
-        "rmf:fleet/r1 is told clear_doorway: there is a fire",
+        "rmf:fleet/r1 is advised clear_doorway: there is a fire",
     ),
     (
         RestrictionBegun("east", LOCKOUT),

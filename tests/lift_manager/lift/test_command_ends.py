@@ -133,7 +133,7 @@ def test_what_failed_after_it_was_pressed_ends_as_its_press_did(
 @each_row("kind", [CommandType.GO_TO, CommandType.CLOSE_DOOR])
 @each_row(("pressed", "status"), [(False, CommandState.REJECTED), (True, CommandState.UNCONFIRMED)])
 def test_what_nobody_wants_any_more_is_over(kind: CommandType, pressed: bool, status: CommandState) -> None:
-    assert judged(kind, pressed=pressed) == Verdict(status, f"{WHAT[kind]} is no longer wanted")
+    assert judged(kind, pressed=pressed) == Verdict(status, f"{WHAT[kind]} is no longer requested")
 
 
 @pytest.mark.parametrize("kind", [CommandType.ROBOT_IN_PLACE, CommandType.ROBOT_LEFT])
@@ -217,12 +217,12 @@ def test_a_door_that_nothing_holds_is_let_go(pressed: bool, proof: Proof) -> Non
 def test_a_door_that_is_not_seen_let_go_is_unconfirmed() -> None:
     first = goes_on(CommandType.RELEASE_DOOR)
     assert first == PendingCommand(
-        CommandType.RELEASE_DOOR, "L1", "the lift to show that the door is let go", pressed=True, due_since=NOW
+        CommandType.RELEASE_DOOR, "L1", "the lift to show that the door is released", pressed=True, due_since=NOW
     )
     assert isinstance(judged(CommandType.RELEASE_DOOR, due_since=NOW - DOOR_WITHIN_S), PendingCommand)
     over = judged(CommandType.RELEASE_DOOR, due_since=NOW - DOOR_WITHIN_S - 0.1)
     assert isinstance(over, Verdict)
-    assert (over.state, "not show within 10 s that the door is let go" in over.reason) == (
+    assert (over.state, "not show within 10 s that the door is released" in over.reason) == (
         CommandState.UNCONFIRMED,
         True,
     )

@@ -142,7 +142,7 @@ def test_a_call_that_was_not_pressed_waits_for_the_next_request() -> None:
     after.read()
     after.wait(3.0)
     assert after.log == []
-    assert "ask again" in after.state.restrictions.waiting_for
+    assert "to send another request" in after.state.restrictions.waiting_for
     after.accept("L2")
     after.wait(0.5)
     assert after.log == ["go_to L2"]

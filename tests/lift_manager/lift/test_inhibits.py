@@ -175,7 +175,7 @@ def test_people_have_their_turn_between_two_robots() -> None:
     lift.accept("L2", hold=False)
     lift.read("L2", Door.CLOSED)
     lift.accept("L3", holder=OTHER)
-    assert "turn of people" in lift.state.restrictions.waiting_for
+    assert "people, whose turn it is" in lift.state.restrictions.waiting_for
     assert lift.log == ["go_to L2"]
     lift.wait(6.0)
     assert lift.log == ["go_to L2", "go_to L3"]

@@ -101,7 +101,7 @@ def test_a_request_settles_where_the_robot_is(
     ("before", "word", "stop", "site", "now", "texts"),
     [
         (OUTSIDE, IN_PLACE, UNDER_WAY, SPOKEN, 15.0, ("has not arrived at L1",)),
-        (MAY_BOARD, None, OPEN, SPOKEN, 100.0, ("say that the robot is in place", "infer_occupancy")),
+        (MAY_BOARD, None, OPEN, SPOKEN, 100.0, ("report that the robot is in place", "infer_occupancy")),
         (MAY_BOARD, None, OPEN, INFERRED, 14.9, ("4.9 s", "after 5 s")),
         (MAY_BOARD, None, replace(OPEN, is_open=False), INFERRED, 100.0, ("does not stand open",)),
         (MAY_BOARD, None, UNDER_WAY, INFERRED, 100.0, ("does not stand open",)),

@@ -35,7 +35,7 @@ def test_a_call_that_the_controller_lost_is_not_pressed_again_by_itself() -> Non
     lift.take(OutputChanged(dict(lift.status)))
     lift.wait(1.0)
     assert lift.log == ["call L2"]
-    assert "ask again" in lift.state.restrictions.waiting_for
+    assert "to send another request" in lift.state.restrictions.waiting_for
     assert lift.door is RobotDoor.MOVING
     lift.wait(2.0)
     lift.accept("L2")

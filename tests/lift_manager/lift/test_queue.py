@@ -83,8 +83,8 @@ def test_a_ride_does_not_join_because_it_was_refused() -> None:
 @pytest.mark.parametrize(
     ("waits", "text"),
     [
-        ((RIDE,), "lift is free, and 1 that waited for it comes first; ask again"),
-        ((RIDE, LATER), "lift is free, and 2 that waited for it come first; ask again"),
+        ((RIDE,), "lift is free, and 1 that waited for it comes first; send another request"),
+        ((RIDE, LATER), "lift is free, and 2 that waited for it come first; send another request"),
     ],
 )
 def test_a_free_lift_is_refused_to_everybody_but_the_first(waits: tuple[Holder, ...], text: str) -> None:

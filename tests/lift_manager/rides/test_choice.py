@@ -196,7 +196,7 @@ def test_a_robot_that_may_be_in_one_car_begins_no_ride_with_another() -> None:
     refused = begun(made, replace(REQUEST, lifts=("B",)))
     assert isinstance(refused, Refused)
     assert refused.code is Refusal.NOT_NOW
-    assert "your robot may be in the car of A: say `left` for ride r1" in refused.message
+    assert "your robot may be in the car of A: send `left` for ride r1" in refused.message
     for robot in ("amr-2", ""):
         assert isinstance(begun(made, replace(REQUEST, lifts=("B",), robot=robot)), Step)
 

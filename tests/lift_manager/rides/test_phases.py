@@ -57,7 +57,7 @@ def test_a_ride_whose_lift_is_free_takes_it_at_once() -> None:
     after = tick(ride(), sight())
     assert after.actions == (OPEN,)
     told = (after.record.guidance, after.record.reason, after.record.ahead)
-    assert told == (Guidance.WAIT, "its turn has come: asks for A", 0)
+    assert told == (Guidance.WAIT, "its turn has come: requests A", 0)
 
 
 @each_row(
@@ -215,18 +215,18 @@ def test_nothing_is_asked_after_a_restart_before_the_robot_is_heard(phase: Phase
     unheard = ride(phase, silent_since=0.0, clearing=CLEARING)
     after = tick(unheard, sight(away(), session("L2", Occupancy.MAY_BOARD), now=50.0))
     assert after.actions == ()
-    assert "waits to hear the robot" in after.record.reason
+    assert "waits for a report of the robot" in after.record.reason
 
 
 def test_a_queued_ride_takes_no_lift_after_a_restart_before_its_robot_is_heard() -> None:
     unheard = ride(silent_since=0.0)
-    waits = "waits to hear the robot after a restart of the manager: it has to say `here`"
+    waits = "waits for a report of the robot after a restart of the manager: it has to send `here`"
     after = tick(unheard, sight(replace(STATE, holder=Holder("rmf", "tiny")), ahead=2, now=5.0))
     assert (after.actions, after.record.reason) == ((), f"{waits} within 25 s to keep its place")
     assert at_moment(after.record, sight(now=7.0).seen, at(7.0)).reason == f"{waits} within 23 s to keep its place"
     assert at_moment(after.record, sight(now=7.0).seen, at(7.0)).changed_at == after.record.changed_at
     late = tick(unheard, sight(now=RESTORED_FOR_S))
-    assert (late.actions, late.record.reason) == ((), f"{waits}; it has lost its place in the line")
+    assert (late.actions, late.record.reason) == ((), f"{waits}; it has lost its place in the queue")
 
 
 DOUBT = RideInDoubt("r0", "A", 50.0)
@@ -235,10 +235,15 @@ DOUBT = RideInDoubt("r0", "A", 50.0)
 @each_row(
     ("robot", "present_at", "doubt", "words"),
     [
-        ("amr-7", 49.0, DOUBT, "your robot may be in the car of A: say `left` for ride r0, or begin a ride anew"),
+        (
+            "amr-7",
+            49.0,
+            DOUBT,
+            "your robot may be in the car of A: send `left` for ride r0, or begin another ride from",
+        ),
         ("amr-7", 50.0, DOUBT, ""),
         ("amr-7", -math.inf, replace(DOUBT, lift="B"), "your robot may be in the car of B"),
-        ("", 49.0, DOUBT, "cannot be told apart: give each its name with `robot`; say `left` for ride r0"),
+        ("", 49.0, DOUBT, "cannot be distinguished: give each its name with `robot`; send `left` for ride r0"),
         ("", 51.0, DOUBT, ""),
         ("", 51.0, replace(DOUBT, since=math.inf), "waits until that ride is over"),
     ],
@@ -310,13 +315,13 @@ def test_a_ride_that_ends_with_its_robot_perhaps_inside_speaks_to_it() -> None:
     shut = sight(here("L1", RobotDoor.CLOSED), session("L1", Occupancy.MAY_BOARD))
     after = tick(ride(Phase.CLEARING, clearing=CLEARING), shut).record
     assert after.guidance is Guidance.WAIT
-    assert after.reason.endswith("if the robot is inside, stay there until the door opens; say `entered` or `left`")
+    assert after.reason.endswith("if the robot is inside, stay there until the door opens; send `entered` or `left`")
 
 
 def test_people_are_told_that_nothing_is_pressed_for_a_robot_that_is_not_heard() -> None:
     after = tick(ride(Phase.RIDING, silent_since=100.0), sight(OFFLINE, session("L3", Occupancy.ABOARD), now=200.0))
     (text,) = alarms(after)
-    assert text.endswith("nothing is pressed before the robot is heard: look into the car")
+    assert text.endswith("nothing is pressed before the robot sends a report: look into the car")
 
 
 @each_row("phase", WITH_SESSION)

@@ -66,7 +66,7 @@ def test_one_caller_has_few_rides_at_once_and_keeps_nobody_else_from_riding() ->
     refused = all_rides.too_many(made, CALLER)
     assert refused is not None
     assert refused.code is Refusal.TOO_MANY
-    assert refused.message.startswith(f"{MOST_OF_ONE} rides of ride:fleet go on")
+    assert refused.message.startswith(f"{MOST_OF_ONE} rides of ride:fleet are under way")
     assert all(f"r{n}" in refused.message for n in range(MOST_OF_ONE))
     assert all_rides.too_many(made, Holder("ride", "another")) is None
     assert all_rides.too_many(all_rides.put(made, robots(0, phase=Phase.CANCELLED)), CALLER) is None

@@ -110,11 +110,11 @@ def test_requests_that_repeat_are_counted_for_each_session_and_topic_and_the_cou
         "lift1: fleet/robot1 requests L2, door open (AGV), to the lift"
     ]
     lines = [said for turn in range(1, 40) for said in watch.report_request(ADAPTER, REQUEST, turn / 2)]
-    assert lines == [f"{line}: 20 times more"]
+    assert lines == [f"{line}: 20 more times"]
     other = replace(REQUEST, session_id="fleet/robot2")
     assert told(watch.report_request(ADAPTER, other, 19.6))[0].startswith("lift1: fleet/robot2 requests L2")
     assert told(watch.report_request(ADAPTER, END, 19.7)) == [
-        f"{line}: 19 times more",
+        f"{line}: 19 more times",
         "lift1: fleet/robot1 ends its session, to the supervisor",
     ]
     assert told(watch.report_counts(19.8)) == []
@@ -125,9 +125,9 @@ def test_counts_are_told_when_requests_cease_and_at_the_end() -> None:
     line = told(watch.report_request(LIFT, REQUEST, 0.0))[0]
     assert told(watch.report_request(LIFT, REQUEST, 0.5)) == []
     assert told(watch.report_elapsed(REPEAT_COUNT_S - 0.1)) == []
-    assert told(watch.report_elapsed(REPEAT_COUNT_S)) == [f"{line}: 1 times more"]
+    assert told(watch.report_elapsed(REPEAT_COUNT_S)) == [f"{line}: once more"]
     assert told(watch.report_request(LIFT, REQUEST, REPEAT_COUNT_S + 1)) == []
-    assert told(watch.report_counts(REPEAT_COUNT_S + 2)) == [f"{line}: 1 times more"]
+    assert told(watch.report_counts(REPEAT_COUNT_S + 2)) == [f"{line}: once more"]
 
 
 def test_what_cannot_be_read_is_told_once_and_then_counted() -> None:
@@ -138,9 +138,9 @@ def test_what_cannot_be_read_is_told_once_and_then_counted() -> None:
         for turn in range(100)
         for line in watch.report_unreadable("its text is not UTF-8 (lift_requests)", turn / 5)
     ]
-    assert said == [line, f"{line}: 50 times more"]
+    assert said == [line, f"{line}: 50 more times"]
     assert told(watch.report_unreadable("x" * 1000, 20.0)) == [f"unreadable message: {'x' * 80}..."]
-    assert told(watch.report_elapsed(21.0)) == [f"{line}: 49 times more"]
+    assert told(watch.report_elapsed(21.0)) == [f"{line}: 49 more times"]
 
 
 def test_of_more_sessions_than_fit_the_one_not_heard_for_longest_is_forgotten_with_its_count_told() -> None:
@@ -156,7 +156,7 @@ def test_of_more_sessions_than_fit_the_one_not_heard_for_longest_is_forgotten_wi
     assert len(told(watch.report_request(LIFT, other, 1.2))) == 1, "it was forgotten"
     flood = [replace(REQUEST, session_id=f"t{n}") for n in range(MAX_KEPT)]
     lines = [said for one in flood for said in watch.report_request(LIFT, one, 2.0)]
-    assert [said for said in lines if "more" in said] == [f"{line}: 2 times more"]
+    assert [said for said in lines if "more" in said] == [f"{line}: 2 more times"]
     assert told(watch.report_counts(3.0)) == []
 
 

@@ -252,7 +252,7 @@ def test_a_key_that_was_used_for_another_wish_is_refused_and_nothing_is_done() -
             made.refused_within(session, CommandType.GO_TO, "L2", hold=False, key="go"),
             made.refused_within(session, CommandType.ROBOT_LEFT, key="go"),
         ):
-            text = "this idempotency key was used for go_to L2; another wish needs another key"
+            text = "this idempotency key was used for go_to L2; another request needs another key"
             assert (other.code, other.message) == (Refusal.KEY_REUSED, text)
         assert made.read(session).floor == "L2"
         made.site.renew_session("lift", session.id, ROBOT, 30.0)

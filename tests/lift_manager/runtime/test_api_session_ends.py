@@ -172,7 +172,7 @@ def test_a_request_that_is_pending_when_the_manager_stops_says_what_became_of_it
         await made.life.stop()
         after = made.now(session, followed)
         assert after.state is CommandState.REJECTED
-        assert after.reason.startswith("the manager is stopping: nothing was sent for it; the session goes on when")
+        assert after.reason.startswith("the manager is stopping: nothing was sent for it; the session continues when")
 
     async def sent(made: Bench) -> None:
         session = await called(made)

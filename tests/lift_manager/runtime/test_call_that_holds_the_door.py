@@ -162,7 +162,7 @@ def test_after_an_orderly_stop_the_open_door_is_no_invitation_before_the_call_is
         await elapse(3)
         assert made.driver.log == []
         assert made.robot_door() is RobotDoor.MOVING
-        assert "to ask again" in made.state.restrictions.waiting_for
+        assert "to send another request" in made.state.restrictions.waiting_for
         made.accept("L1")
         assert made.robot_door() is RobotDoor.MOVING
         await elapse(0.5)

@@ -1,4 +1,4 @@
-"""Fire in every phase of a ride: robots are told, everything is let go, and only a person ends it, over restarts too."""
+"""Fire in every phase of a ride: robots are told, everything is released, and only a person ends it, over restarts too."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -28,7 +28,7 @@ AT = datetime(2026, 3, 2, 21, 30, tzinfo=UTC)
 
 
 async def fire_breaks_out(made: Spine) -> None:
-    """Fire, and everything is let go within a poll and the writes."""
+    """Fire, and everything is released within a poll and the writes."""
     made.people(Inputs(fire=True))
     await made.until(lambda state: state.mode is Mode.FIRE, within_s=0.5)
     pressed = len(made.presses())
@@ -79,7 +79,7 @@ def test_a_fire_is_not_acknowledged_while_the_lift_tells_of_it_or_cannot_be_read
         await made.until(lambda state: state.quality is Quality.OFFLINE)
         refused = refusal(made.site.acknowledge, "lift", "M. Weber")
         assert refused.code is Refusal.OFFLINE
-        assert "nothing is acknowledged until it is read again" in refused.message
+        assert "nothing is acknowledged until its signal is read again" in refused.message
         made.device.silent = False
         await made.until(lambda state: state.quality is Quality.LIVE)
         assert made.refuse("L2").code is Refusal.FIRE_LATCHED
@@ -296,7 +296,7 @@ def test_a_fire_is_not_acknowledged_while_the_signal_that_tells_of_it_cannot_be_
         refused = refusal(made.site.acknowledge, "lift", "M. Weber")
         assert refused.code is Refusal.FIRE_ACTIVE
         assert words in refused.message
-        assert "nothing is acknowledged until it is read again" in refused.message
+        assert "nothing is acknowledged until its signal is read again" in refused.message
         made.driver.values = healthy
         await elapse(0.5)
         made.site.acknowledge("lift", "M. Weber")

@@ -152,10 +152,10 @@ def test_a_door_that_is_never_seen_let_go_ends_unconfirmed_and_close_is_not_pres
         made.driver.unseen = True
         let_go = made.taken(session, CommandType.RELEASE_DOOR)
         status, reason = ends(await made.ended(session, let_go, DOOR_WITHIN_S + 1))
-        assert (status, "letting go is repeated until it does" in reason) == (CommandState.UNCONFIRMED, True)
+        assert (status, "the release is repeated until it does" in reason) == (CommandState.UNCONFIRMED, True)
         close = made.taken(session, CommandType.CLOSE_DOOR)
         status, reason = ends(await made.ended(session, close, DOOR_WITHIN_S + 1))
-        assert (status, "did not show within 10 s that the door is let go" in reason) == (CommandState.REJECTED, True)
+        assert (status, "did not show within 10 s that the door is released" in reason) == (CommandState.REJECTED, True)
         assert "close_door.front" not in made.presses
 
     on_bench(check, CLOSING)

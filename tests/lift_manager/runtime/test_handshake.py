@@ -75,7 +75,7 @@ def test_without_word_and_without_inference_a_new_floor_is_refused_and_says_what
         await elapse(10)
         refused = made.refuse("L3")
         assert refused.code is Refusal.OCCUPANCY_UNKNOWN
-        assert "say that the robot is in place" in refused.message
+        assert "report that the robot is in place" in refused.message
         assert "infer_occupancy" in refused.message
         assert made.presses == ["call L1"]
         assert made.state.destination == "L1"

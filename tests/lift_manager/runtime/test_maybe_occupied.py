@@ -206,7 +206,7 @@ def test_a_caller_without_words_whose_robot_was_boarding_at_a_restart_is_taken_a
 
     async def after(made: Bench) -> None:
         await made.car("L1", Door.OPEN, enter=True)
-        assert "ask for L1, where the car is" in made.refuse("L3").message
+        assert "request L1, where the car is" in made.refuse("L3").message
         made.accept("L1")
         await elapse(3)
         assert "its door has stood open for" in made.refuse("L3").message
@@ -310,7 +310,7 @@ def test_after_a_restart_with_the_door_open_the_car_is_not_sent_off_before_someb
         refused = made.refuse("L3")
         assert refused.code is Refusal.OCCUPANCY_UNKNOWN
         assert (
-            "say that it is in place or has left, ask for L2, where the car is, or a person must look"
+            "report that it is in place or has left, request L2, where the car is, or a person must look"
             in refused.message
         )
         made.accept("L3", IN_PLACE)

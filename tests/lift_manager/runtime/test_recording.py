@@ -23,7 +23,7 @@ def test_what_a_holder_repeated_is_told_before_something_is_pressed_for_it_and_w
         journal.request(LiftRequest(holder, floor, hold_door=True), None, 0.0, known=True)
     press = journal.press(WORKSHOP, Command(CommandKind.GO_TO, "L2"), ("0106",), 0.0)
     assert [row.caller for row in recorder.rows] == ["workshop", "rmf:fleet/r1", "workshop"]
-    assert "again, 1 times" in recorder.rows[-1].text
+    assert "again, once within" in recorder.rows[-1].text
     assert (press.kind, press.caller, press.text) == (RowKind.PRESS, "workshop", "go_to L2 is to be pressed")
     assert press.data["frames"] == ["0106"]
 
@@ -75,15 +75,15 @@ def test_rows_are_in_the_order_of_cause_and_effect() -> None:
     assert [row.text.partition(": ")[0] for row in disk.rows] == [
         "reading by hand",
         "the mode is normal",
-        "asks for L3, hold the door there",
+        "requests L3, hold the door there",
         "api:fleet/robot1 holds the lift, to L3",
         "go_to L3 is to be pressed",
         "press of go_to was answered",
         "go_to L3 confirmed",
-        "asks for L1, hold the door there",
+        "requests L1, hold the door there",
         "refused",
         "the mode was normal and is fire",
-        "api:fleet/robot1 is told clear_doorway",
+        "api:fleet/robot1 is advised clear_doorway",
         "fire",
         "the session of api:fleet/robot1 is over",
         "no answer",

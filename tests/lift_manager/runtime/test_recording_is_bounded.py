@@ -17,6 +17,7 @@ from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.runtime.refusals import REFUSALS, FaceRefusal
 from register_maps.words import Mode
 from tests.support.refusals import refusal, reply
+from tests.support.rows import each_row
 from tests.support.spine import spine
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -57,11 +58,11 @@ def test_a_caller_that_alternates_has_a_few_rows_a_minute_and_the_rest_by_code()
         every_s=0.1,
         then_s=SUMMARY_EVERY_S,
     )
-    one_by_one = [row for row in rows if row.text.startswith("asks for")]
+    one_by_one = [row for row in rows if row.text.startswith("requests L")]
     assert REQUEST_ROWS <= len(one_by_one) <= REQUEST_ROWS + 10 * (REQUEST_ROWS // OF_MANY)
     assert len(rows) < 2.1 * len(one_by_one) + 12
     assert counted(rows) + len(one_by_one) == 6000
-    more = [row for row in rows if "times more" in row.text]
+    more = [row for row in rows if "more times" in row.text]
     assert more[0].data["answers"].keys() == {"accepted", "held"}  # type: ignore[union-attr]  # what it counts by
     assert (more[0].lift, more[0].caller) == ("east", "workshop")
 
@@ -129,7 +130,7 @@ def test_a_caller_that_was_quiet_for_a_while_has_its_whole_share_again() -> None
             request(journal, now, f"L{number}", None)
 
     rows = on_journal(many, times=2, every_s=10 * SUMMARY_EVERY_S)
-    assert len([row for row in rows if row.text.startswith("asks for")]) == 2 * REQUEST_ROWS
+    assert len([row for row in rows if row.text.startswith("requests L")]) == 2 * REQUEST_ROWS
 
 
 def test_a_lift_that_is_read_soon_after_the_start_was_never_lost_and_one_that_is_not_was() -> None:
@@ -165,7 +166,7 @@ def test_a_robot_that_wants_another_floor_all_the_time_is_refused_and_writes_lit
                 if isinstance(answer, RequestRefused):
                     refused += 1
                     assert answer.code is Refusal.TOO_OFTEN
-                    assert "ask again in" in answer.message
+                    assert "send another request in" in answer.message
                 await elapse(0.01)
             # every third request is for the floor that it has, and changes nothing
             assert 1500 - refused <= 500 + TURNS + 15 / TURN_EVERY_S + 1
@@ -205,13 +206,16 @@ def test_a_robot_that_asks_for_one_floor_is_never_told_that_it_asks_too_often() 
     run_virtual(main)
 
 
-def test_whoever_is_turned_away_has_a_few_rows_and_the_rest_is_counted_and_told_at_the_end() -> None:
+@each_row(("more", "times"), [(1, "once more"), (990, "990 more times")])
+def test_whoever_is_turned_away_has_a_few_rows_and_the_rest_is_counted_and_told_at_the_end(
+    more: int, times: str
+) -> None:
     journal = MemoryRecorder()
 
     async def main() -> None:
         async with spine(recorder=journal) as lift:
             journal.rows.clear()
-            for n in range(1000):
+            for n in range(REFUSALS + more):
                 lift.site.turned_away(FaceRefusal("bad_key", "its key does not count", address=f"192.0.2.{n % 250}"))
             lift.site.turned_away(FaceRefusal("not_allowed", "may not do this", "lift", "workshop:r1", "192.0.2.7"))
             await lift.life.stop()
@@ -221,7 +225,8 @@ def test_whoever_is_turned_away_has_a_few_rows_and_the_rest_is_counted_and_told_
     assert len(refused) == REFUSALS + 2
     assert refused[0].text == "refused: its key does not count, from 192.0.2.0"
     assert refused[REFUSALS].caller == "workshop:r1"
-    assert refused[-1].data == {"times": 1000 - REFUSALS, "answers": {"bad_key": 1000 - REFUSALS}}
+    assert refused[-1].text == f"refused {times} within 0 s: {more} bad_key"
+    assert refused[-1].data == {"times": more, "answers": {"bad_key": more}}
 
 
 def test_logins_of_a_key_have_a_few_rows_and_the_rest_is_counted() -> None:
@@ -241,7 +246,7 @@ def test_logins_of_a_key_have_a_few_rows_and_the_rest_is_counted() -> None:
     assert ended.data == {"done": "logged_out", "address": "192.0.2.7"}
     assert len(others) == REFUSALS - 2
     half = REFUSALS // 2
-    assert rest.text == f"logged in or out {REFUSALS} times more within 0 s: {half} logged_in, {half} logged_out"
+    assert rest.text == f"logged in or out {REFUSALS} more times within 0 s: {half} logged_in, {half} logged_out"
 
 
 def test_a_person_who_is_refused_and_a_lift_that_nobody_has_are_written_down() -> None:

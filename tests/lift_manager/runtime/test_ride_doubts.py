@@ -44,7 +44,7 @@ def test_a_ride_begun_beforehand_does_not_send_the_car_away_with_a_robot_half_in
         await elapse(60)
         waiting = made.look(back)
         assert (waiting.phase, made.drivers["A"].log) == (Phase.QUEUED, pressed)
-        assert waiting.reason.startswith(f"your robot may be in the car of A: say `left` for ride {one.id}")
+        assert waiting.reason.startswith(f"your robot may be in the car of A: send `left` for ride {one.id}")
         made.report(back, RideWord.HERE)
         assert made.look(back).phase is Phase.CALLED
 
@@ -112,7 +112,7 @@ def test_a_robot_that_may_be_in_one_car_is_given_no_other() -> None:
         await made.car("A", "L4")
         refused = made.refuse(made.request("B"))
         assert refused.code is Refusal.NOT_NOW
-        assert f"your robot may be in the car of A: say `left` for ride {one.id}" in refused.message
+        assert f"your robot may be in the car of A: send `left` for ride {one.id}" in refused.message
         assert made.begin("B", robot="amr-2").phase is Phase.CALLED
         assert made.begin("any").lift == "A"
 

@@ -20,7 +20,7 @@ def test_one_caller_has_few_rides_at_once_and_keeps_nobody_else_from_riding() ->
         rides = [made.begin("A", robot=f"amr-{n}") for n in range(MOST_OF_ONE)]
         refused = made.refuse(made.request("B", robot="one-more"))
         assert refused.code is Refusal.TOO_MANY
-        assert refused.message.startswith(f"{MOST_OF_ONE} rides of ride:fleet go on")
+        assert refused.message.startswith(f"{MOST_OF_ONE} rides of ride:fleet are under way")
         assert all(ride.id in refused.message for ride in rides)
         other = replace(made.request("B"), caller=Holder("ride", "another"))
         assert made.site.rides.begin(other).is_new

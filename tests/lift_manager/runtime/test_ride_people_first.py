@@ -29,7 +29,7 @@ def test_the_advice_of_a_fire_reaches_the_ride_at_the_moment_it_is_given() -> No
             if isinstance(one.event, RideChanged) and one.event.ride.guidance is Guidance.GAVE_UP
         )
         assert told.at == advised.at
-        assert made.site.state("A").holder is not None, "everything is let go only later"
+        assert made.site.state("A").holder is not None, "everything is released only later"
         over = made.look(ride)
         assert (over.phase, over.advice, over.maybe_aboard) == (Phase.GAVE_UP, Advice.STAY_ABOARD, True)
         await elapse(10)

@@ -204,7 +204,7 @@ def test_rides_and_their_order_outlive_the_manager() -> None:
             await elapse(1)
             assert [ride.id for ride in made.site.rides.all()] == [first.id, second.id, third.id]
             assert made.look(first).phase is Phase.CALLED
-            assert "waits to hear the robot" in made.look(first).reason
+            assert "waits for a report of the robot" in made.look(first).reason
             assert not any(line.startswith("press") for line in made.drivers["A"].log)
             for n in (3, 2, 1):
                 answer = made.site.rides.begin(made.request("A", robot=f"amr-{n}", key=f"k{n}"))
@@ -376,7 +376,7 @@ def test_a_manager_that_stops_begins_no_ride_and_keeps_those_that_go_on() -> Non
         await elapse(1)
         told = made.look(ride)
         assert (told.phase, told.guidance) == (Phase.RIDING, Guidance.STAY)
-        assert "goes on at the next start" in told.reason
+        assert "continues at the next start" in told.reason
         refused = made.refuse(made.request("A", robot="amr-2"))
         assert refused.code is Refusal.STOPPING
         assert refusal(lambda: made.site.rides.plan(made.request("A", robot="amr-2"))).code is Refusal.STOPPING

@@ -290,8 +290,8 @@ def test_the_journal_has_the_end_when_it_is_said_and_when_it_happens() -> None:
     run_virtual(main)
     texts = [row.text for row in journal.rows if row.kind in (RowKind.REQUEST, RowKind.SESSION)]
     assert texts == [
-        "asks for L3, hold the door there",
+        "requests L3, hold the door there",
         "rmf:fleet/amr-7 holds the lift, to L3",
-        "asks: end its session in 3 s",
+        "requests: end its session in 3 s",
         "the session of rmf:fleet/amr-7 is over: released",
     ]

@@ -155,7 +155,7 @@ def test_a_call_that_was_lost_is_pressed_by_the_next_request_and_only_by_that() 
     async def after(made: Bench) -> None:
         await elapse(30)
         assert made.driver.log == []
-        assert "to ask again after a restart of the manager" in made.state.restrictions.waiting_for
+        assert "to send another request after a restart of the manager" in made.state.restrictions.waiting_for
         made.accept("L3")
         await elapse(1)
         assert made.presses == ["go_to L3"]
@@ -309,7 +309,7 @@ def test_another_caller_that_is_heard_first_takes_nothing_from_a_car_that_may_ho
         assert made.driver.log == []
         assert made.robot_door() is RobotDoor.OPEN
         (alarm,) = await made.alarms()
-        assert alarm.startswith("silent_holder: api:fleet/robot1 holds the lift and has not been heard for 3")
+        assert alarm.startswith("silent_holder: api:fleet/robot1 holds the lift and has sent nothing for 3")
         made.accept("L1")
         assert "since a restart" not in made.refuse("L3", holder=OTHER).message
 
@@ -475,7 +475,7 @@ def test_an_orderly_end_lets_go_of_everything_and_the_session_goes_on_after_it()
         (alarm,) = only(events, Alarm)
         for text in (ended.text, alarm.text):
             assert "session is kept" in text
-            assert "goes on at the next start" in text
+            assert "continues at the next start" in text
             assert "ack" not in text
         assert made.refuse("L1").code is Refusal.STOPPING
         assert refusal(made.site.hand_over, "lift", ROBOT, OTHER).code is Refusal.STOPPING

@@ -133,8 +133,8 @@ def test_a_silent_holder_is_an_alarm_once_for_each_who_asks() -> None:
         told = silent(await made.alarms())
         assert len(told) == 2
         assert "api:fleet/robot1 holds the lift" in told[0]
-        assert "has not been heard for 30 s" in told[0]
-        assert "api:fleet/robot2 asks for it" in told[0]
+        assert "has sent nothing for 30 s" in told[0]
+        assert "api:fleet/robot2 requests it" in told[0]
         assert "`lift-manager release lift --by NAME --reason TEXT`" in told[0]
         assert made.state.holder == ROBOT
 
@@ -236,7 +236,7 @@ def test_a_car_that_may_hold_a_robot_stays_refused_after_a_person_ended_its_sess
         await made.called_to("L1")
         released = made.site.force_release("lift", "M. Weber", "it is stuck", at_once=True)
         assert released.maybe_aboard
-        assert "others are refused until api:fleet/robot1 asks again or a person has looked" in released.text
+        assert "others are refused until api:fleet/robot1 sends another request or a person has looked" in released.text
         assert "`lift-manager ack lift --by NAME`" in released.text
         assert made.refuse("L3", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
         again = refusal(made.site.force_release, "lift", "M. Weber", "it is stuck", at_once=True)

@@ -22,7 +22,7 @@ from tests.support.spine import OTHER, WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
 
 REST_S = 5.0
-WAITS = "the turn of people, who have the lift for 5 s after each robot"
+WAITS = "people, whose turn it is for 5 s after each robot"
 
 
 def now() -> float:
@@ -114,7 +114,7 @@ def test_robot_mode_of_the_session_before_is_still_kept_under_way_during_the_res
             await elapse(0.05)
         await elapse(1)
         assert not made.face.picture.robot_mode_on
-        assert made.state.restrictions.waiting_for.startswith("the turn of people")
+        assert made.state.restrictions.waiting_for.startswith("people, whose turn it is")
 
     on_spine(check, between_sessions_s=20)
 

@@ -38,7 +38,7 @@ def test_an_outcome_is_one_sentence(caplog: pytest.LogCaptureFixture, outcome: O
 @pytest.mark.parametrize(
     ("control", "line"),
     [
-        (True, "lift: fire: everything is let go, robots are refused until a person has checked the lift"),
+        (True, "lift: fire: everything is released, robots are refused until a person has checked the lift"),
         (False, "lift: fire: this lift is only watched; robots are refused until a person has checked the lift"),
     ],
 )
