@@ -59,7 +59,7 @@ export class App extends Component {
         ${table && !wall
           ? html`<${LiftTable} records=${records} texts=${texts} onOpen=${onOpen} />`
           : html`<div class=${`cards ${wall ? "big" : ""}`}>${records.map(
-              (record) => html`<${Card} key=${record.lift.name} record=${record} shown=${record.shown}
+              (record) => html`<${Card} key=${record.lift.name} record=${record} shown=${record.shown} outcome=${record.outcome}
                 capabilities=${record.capabilities} texts=${texts} onOpen=${onOpen} />`,
             )}</div>`}
       </main>

@@ -2,12 +2,12 @@
 
 import { Component, html } from "../vendor/htm-preact.js";
 import { Age, HeldFor } from "./clock.js";
-import { SIGNS, doorText, holder, motion, place, troubles, worst } from "./facts.js";
+import { SIGNS, doorText, failedCommand, holder, motion, place, troubles, worst } from "./facts.js";
 import { Shaft } from "./shaft.js";
 
 export class Card extends Component {
   shouldComponentUpdate(next) {
-    return next.shown !== this.props.shown || next.capabilities !== this.props.capabilities || next.texts !== this.props.texts;
+    return ["shown", "outcome", "capabilities", "texts"].some((name) => next[name] !== this.props[name]);
   }
 
   render({ record, texts, onOpen }) {
@@ -15,6 +15,7 @@ export class Card extends Component {
     const { shown: lift, capabilities } = record;
     const found = troubles(lift, texts);
     const known = lift.quality === "live";
+    const failed = failedCommand(record, texts);
     const title = capabilities?.display_name || lift.name;
     return html`<article class=${`card tone-${worst(found)} ${known ? "" : "unknown"}`} data-lift=${lift.name}>
       <header>
@@ -29,6 +30,7 @@ export class Card extends Component {
         <p>${t("facts.doors")}: ${doorText(lift, texts)}</p>
         <p>${known ? motion(lift, texts) : ""}</p>
         <p>${holder(lift, texts)} <${HeldFor} record=${record} texts=${texts} /></p>
+        ${failed && html`<p class="failed">${t("facts.last_command")}: ${failed.text} <span lang="en">${failed.detail}</span></p>`}
         ${lift.waiting > 0 && html`<p>${t("facts.waiting", { n: lift.waiting })}</p>`}
         <p class="data quiet"><${Age} record=${record} texts=${texts} /></p>
       </div>

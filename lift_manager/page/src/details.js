@@ -4,7 +4,7 @@ import { html, useEffect, useRef, useState } from "../vendor/htm-preact.js";
 import { liftPath } from "./api.js";
 import { Troubles } from "./card.js";
 import { Age, HeldFor, useNow } from "./clock.js";
-import { commandText, doorText, duration, holder, holderName, motion, place, troubles } from "./facts.js";
+import { commandText, doorText, duration, failedCommand, holder, holderName, motion, place, troubles } from "./facts.js";
 import { grown } from "./freshness.js";
 import { Shaft } from "./shaft.js";
 
@@ -51,6 +51,8 @@ function Facts({ record, signals, texts }) {
   const reports = signals.filter(({ name, value, old }) => !old && value === true && REPORTS.includes(name.split(".")[0]));
   if (reports.length > 0) rows.push(["reports", reports.map(({ name }) => reportText(name, Object.keys(lift.doors), texts)).join(", ")]);
   if (lift.restrictions.waiting_for) rows.push(["waiting_for", html`<span lang="en">${lift.restrictions.waiting_for}</span>`]);
+  const failed = failedCommand(record, texts);
+  if (failed) rows.push(["last_command", html`${failed.text} <span lang="en">${failed.detail}</span>`]);
   if (capabilities) {
     rows.push(["access", word("access", capabilities.access)], ["map", `${capabilities.map} (${capabilities.trust})`]);
     if (capabilities.robot_hours) rows.push(["robot_hours", capabilities.robot_hours]);

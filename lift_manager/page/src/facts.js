@@ -3,6 +3,10 @@
 const TONES = ["plain", "warn", "alarm"];
 const ALARM_MODES = new Set(["fire", "emergency"]);
 const QUIET_MODES = new Set(["normal", "robot"]);
+const FAILED = new Set(["rejected", "unconfirmed"]);
+const MOVES = new Set(["up", "down", "moving"]);
+/** The ages of an event are correct within 250 ms, and two events may be that far from each other. */
+const INACCURACY_MS = 500;
 
 /** "4 s", "12 min", "3 h": a duration for people. */
 export function duration(seconds, t) {
@@ -24,6 +28,7 @@ export function troubles(lift, { t, word }) {
   else if (!ALARM_MODES.has(lift.mode) && !QUIET_MODES.has(lift.mode)) add("warn", t("trouble.mode", { mode: word("mode", lift.mode) }));
   for (const [side, door] of Object.entries(lift.doors)) {
     if (door === "fault") add("warn", t("trouble.door", { side: word("side", side) }));
+    if (door === "unknown") add("warn", t("trouble.door_unknown", { side: word("side", side) }));
   }
   if (restrictions.lockout) add("warn", t("trouble.lockout"), restrictions.lockout);
   if (restrictions.drain) add("warn", t("trouble.drain"), restrictions.drain);
@@ -89,6 +94,22 @@ export function holder(lift, { t }) {
   if (lift.lost) return t("holder.unknown");
   if (!lift.session) return t("holder.nobody");
   return t(lift.session.ending ? "holder.ending" : "holder.held", { who: lift.session.name });
+}
+
+/**
+ * The last command of the session that holds the lift and what became of it, where it failed and nothing else says why the car stands there;
+ * else null. Its `detail` is a text of the manager.
+ */
+export function failedCommand(record, texts) {
+  const { shown: lift, outcome } = record;
+  if (!lift.session || lift.session.ending || outcome === null || !FAILED.has(outcome.result) || !isOfSession(outcome, record)) return null;
+  if (lift.restrictions.waiting_for || troubles(lift, texts).length || MOVES.has(lift.motion) || lift.robot_door === "open") return null;
+  return { text: `${commandText(outcome.command, texts)}: ${texts.word(`result.${outcome.result}`, "none")}`, detail: outcome.reason };
+}
+
+function isOfSession(outcome, { lift: { session }, at }) {
+  const holder = session.face === session.name ? session.name : `${session.face}:${session.name}`;
+  return outcome.holder === holder && outcome.at >= at - session.for_s * 1000 - INACCURACY_MS;
 }
 
 /** All of it in one text, for whoever cannot see the picture. */

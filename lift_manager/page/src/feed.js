@@ -136,6 +136,8 @@ export class Feed {
       store.setRide(data.ride);
     } else if (event === "command") {
       store.addCommand(data, now);
+    } else if (event === "request") {
+      store.setRequest(data, now);
     }
   }
 

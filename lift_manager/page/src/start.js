@@ -8,6 +8,7 @@ import { loadTexts } from "./texts.js";
 /** Returns `{api, store, texts, onAccount}` with the feed running. */
 export async function start() {
   const texts = await loadTexts();
+  document.querySelector(".starting").remove();
   const [api, store] = [new Api(), new Store()];
   const feed = new Feed(api, store);
   /** Forget all that was read, and read it again as whoever is logged in now. */

@@ -8,7 +8,8 @@ const OVER = new Set(["done", "cancelled", "gave_up"]);
 
 /**
  * One lift: `lift` as the manager sent it, `at` when that came, `ageS` its age at `ageAt`, `vouchedAt` when the manager last confirmed it,
- * and `shown` what may be shown of it now. `shown` is another object only if something visible changed.
+ * and `shown` what may be shown of it now. `shown` is another object only if something visible changed. `outcome` is what became of the last
+ * press or request of a session, as far as this page has seen it: the manager sends that once.
  */
 function newRecord() {
   return {
@@ -24,6 +25,7 @@ function newRecord() {
     lastFloor: null,
     capabilities: null,
     commands: [],
+    outcome: null,
   };
 }
 
@@ -122,6 +124,17 @@ export class Store {
     const record = this.#records.get(event.lift);
     if (!record) return;
     record.commands = [{ ...event, at: now }, ...record.commands].slice(0, COMMANDS_KEPT);
+    this.#setOutcome(record, event, now);
+  }
+
+  /** A command of a session was accepted, or has ended, whether or not anything was pressed for it. */
+  setRequest({ lift, holder, do: name, floor, status, reason }, now) {
+    const record = this.#records.get(lift);
+    if (record) this.#setOutcome(record, { holder, command: [name, floor].filter(Boolean).join(" "), result: status, reason }, now);
+  }
+
+  #setOutcome(record, { holder, command, result, reason }, now) {
+    if (holder !== null) record.outcome = { holder, command, result, reason, at: now };
     this.#changed();
   }
 
@@ -154,6 +167,7 @@ export class Store {
   #set(lift, now) {
     const record = this.#records.get(lift.name) ?? newRecord();
     Object.assign(record, { lift, at: now, ageS: lift.age_s, ageAt: now, vouchedAt: now, visible: withoutTimes(lift) });
+    if (lift.session === null) record.outcome = null;
     this.#records.set(lift.name, record);
   }
 

@@ -2,7 +2,7 @@
 
 import { html } from "../vendor/htm-preact.js";
 import { Age, HeldFor } from "./clock.js";
-import { doorText, holder, motion, place, troubles } from "./facts.js";
+import { doorText, failedCommand, holder, motion, place, troubles } from "./facts.js";
 
 const COLUMNS = ["lift", "mode", "place", "doors", "motion", "holder", "waiting", "age", "trouble"];
 
@@ -18,6 +18,7 @@ export function LiftTable({ records, texts, onOpen }) {
 function Row({ record, texts, onOpen }) {
   const { shown: lift, capabilities } = record;
   const known = lift.quality === "live";
+  const failed = failedCommand(record, texts);
   const title = capabilities?.display_name || lift.name;
   return html`<tr class=${known ? "" : "unknown"}>
     <th scope="row">${onOpen ? html`<button class="link" onClick=${() => onOpen(lift.name)}>${title}</button>` : title}
@@ -29,6 +30,7 @@ function Row({ record, texts, onOpen }) {
     <td>${holder(lift, texts)} <${HeldFor} record=${record} texts=${texts} /></td>
     <td>${lift.waiting ?? "–"}</td>
     <td><${Age} record=${record} texts=${texts} /></td>
-    <td>${troubles(lift, texts).map(({ text, detail }) => html`<div key=${text}>${text} <span lang="en">${detail}</span></div>`)}</td>
+    <td>${troubles(lift, texts).map(({ text, detail }) => html`<div key=${text}>${text} <span lang="en">${detail}</span></div>`)}
+      ${failed && html`<div>${texts.t("facts.last_command")}: ${failed.text} <span lang="en">${failed.detail}</span></div>`}</td>
   </tr>`;
 }

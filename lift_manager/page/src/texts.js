@@ -2,6 +2,8 @@
 
 const FOLDER = new URL("../texts/", import.meta.url);
 const KEPT = "lift-manager-language";
+const GIVE_UP_MS = 10_000;
+const AGAIN_MS = 2000;
 
 /**
  * Returns `{language, names, t, word}` for the language in the address, the one chosen before, or the browser's.
@@ -33,10 +35,18 @@ function wanted() {
   return chosen.filter(Boolean).map((code) => code.slice(0, 2).toLowerCase());
 }
 
+/** Until it comes: nobody reloads the page of a kiosk. */
 async function load(name, folder = FOLDER) {
-  const response = await fetch(new URL(`${name}.json`, folder));
-  if (!response.ok) throw new Error(`${name}.json: ${response.status}`);
-  return response.json();
+  for (;;) {
+    try {
+      const response = await fetch(new URL(`${name}.json`, folder), { signal: AbortSignal.timeout(GIVE_UP_MS) });
+      if (response.ok) return await response.json();
+      console.warn(`${name}.json: ${response.status}`);
+    } catch (error) {
+      console.warn(`${name}.json: ${error.message}`);
+    }
+    await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+  }
 }
 
 function filled(text, values = {}) {
