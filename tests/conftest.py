@@ -34,7 +34,6 @@ LONGEST = (
     "external/test_stunnel.py",
     "trips/test_trips.py",
     "lift_manager/web/test_docs.py",
-    "lift_manager/web/test_page_in_use.py",
     "lift_manager/web/test_page_of_the_demo.py",
 )
 """Files that take ten seconds and more. They begin first, so that at the end of a run no worker has one left while others wait."""

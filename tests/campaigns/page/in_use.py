@@ -2,109 +2,24 @@
 
 import asyncio
 import itertools
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
-from lift_manager.api.roles import Role
 from lift_manager.web.app import make_app
 from register_maps.words import Mode
 from tests.lift_manager.web.fake import FakeSite, serving
 from tests.lift_manager.web.fake_lifts import IDLE
-from tests.lift_manager.web.keyed import ring
 from tests.lift_manager.web.listening import Happening
-from tests.support.axe_core import problems
-from tests.support.devtools import Tab, chromium
+from tests.lift_manager.web.page_shown import ACTIVE, open_lockout, shown, tab_to
+from tests.support.devtools import chromium
 from tests.support.rows import each_row
 
 pytestmark = pytest.mark.external("chromium")
 
-ACTIVE = "document.activeElement"
 CARD = "lift \N{EN DASH} details"
 """What a screen reader says of the button that opens a lift."""
-
-
-class Shown(NamedTuple):
-    tab: Tab
-    site: Happening
-    address: str
-    """Of a site without keys: one lift in normal service, one on fire behind a simulator."""
-    locked: str
-    """Of a site with keys."""
-
-
-@asynccontextmanager
-async def shown(profile: Path) -> AsyncIterator[Shown]:
-    site = Happening({"lift": IDLE, "goods": replace(IDLE, lift="goods", mode=Mode.FIRE)})
-    async with (
-        chromium(profile) as tab,
-        serving(make_app(site, simulated={"goods"})) as port,
-        serving(make_app(FakeSite(), ring(Role.VIEWER, open_without_keys=False))) as locked,
-    ):
-        yield Shown(tab, site, f"http://127.0.0.1:{port}", f"http://127.0.0.1:{locked}")
-
-
-async def open_lockout(tab: Tab, number: int = 0) -> None:
-    """Open the form of a lockout, with the keyboard."""
-    await tab.until(f"document.querySelectorAll('.card .open')[{number}]")
-    await tab.value(f"document.querySelectorAll('.card .open')[{number}].focus()")
-    await tab.press("Enter")
-    await tab.until("document.querySelector('dialog .actions .floors') && document.querySelector('dialog tbody td')")
-    await tab_to(tab, "Lock out")
-    await tab.press("Enter")
-    await tab.until("document.querySelector('.decision input')")
-
-
-async def tab_to(tab: Tab, text: str) -> None:
-    """Press Tab until an element of this text has the focus."""
-    for _ in range(40):
-        await tab.press("Tab")
-        if await tab.value(f"{ACTIVE}.textContent") == text:
-            return
-    raise AssertionError(f"{text} cannot be reached with Tab")
-
-
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_axe_finds_nothing_serious_in_any_view(theme: str, tmp_path: Path) -> None:
-    async def use() -> None:
-        async with shown(tmp_path) as (tab, _, address, locked):
-            found: dict[str, list[str]] = {}
-            await tab.look(prefers_color_scheme=theme)
-            for url, ready in (
-                (f"{address}/?lang=de", ".card .trouble"),
-                (f"{address}/?view=table", "table.lifts .badge"),
-                (f"{address}/wall", ".card .watermark"),
-                (f"{address}/lobby/lift", ".message"),
-                (f"{address}/lobby/goods", ".tone-alarm"),
-                (f"{address}/errors", "tbody tr"),
-                (f"{locked}/", ".login input"),
-                (f"{locked}/lobby/lift", ".login input"),
-            ):
-                await tab.open(url)
-                await tab.until(f"document.querySelector('{ready}')")
-                found[url] = await problems(tab)
-            await tab.open(f"{address}/?lang=en")
-            await open_lockout(tab, 1)
-            found["details"] = await problems(tab)
-            assert {url: wrong for url, wrong in found.items() if wrong} == {}
-
-    asyncio.run(use())
-
-
-def test_axe_would_find_a_field_without_a_name(tmp_path: Path) -> None:
-    async def use() -> None:
-        async with shown(tmp_path) as (tab, _, address, _):
-            await tab.open(f"{address}/errors")
-            await tab.until("document.querySelector('tbody tr')")
-            await tab.value("document.querySelector('main').append(document.createElement('input')); 0")
-            (found,) = await problems(tab)
-            assert found.startswith("label: ")
-
-    asyncio.run(use())
 
 
 def test_an_operator_needs_nothing_but_a_keyboard(tmp_path: Path) -> None:
