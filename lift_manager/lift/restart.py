@@ -20,7 +20,7 @@ from lift_manager.lift.commands import (
 )
 from lift_manager.lift.config import ROBOT_LEFT, ROBOT_MODE, LiftConfig
 from lift_manager.lift.draft import Draft
-from lift_manager.lift.endings import advice_now, alarm_of_robot, release_given
+from lift_manager.lift.endings import advice_now, alarm_of_robot, give_people_their_turn, release_given
 from lift_manager.lift.events import RestrictionKind, SessionEnded, SessionRestored
 from lift_manager.lift.inhibits import restriction_text
 from lift_manager.lift.lease import lease_ends_at, lease_of
@@ -179,6 +179,9 @@ def restore(draft: Draft) -> None:
         _keep_robot_mode(draft, had_session=saved is not None)
         if session is not None and saved is not None and over is not None:
             _end_unrestored(draft, session, *over)
+            if saved.pressed or saved.holding_since is not None:
+                # when it was over, nobody knows: what was renewed last may not be on the disk
+                give_people_their_turn(draft)
         return
     session = _with_time_to_clear(session, draft)
     commands = restored_commands(draft.record.durable.commands, draft.moment.clock)

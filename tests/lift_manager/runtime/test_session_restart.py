@@ -17,6 +17,7 @@ from lift_manager.runtime.recorder import Clock, MemoryRecorder, SavedLift
 from register_maps.words import Door, Mode, Motion
 from tests.lift_manager.runtime.heard import heard, only
 from tests.lift_manager.runtime.scripted import (
+    AT_L2,
     FRONT,
     OTHER,
     PERMITTING,
@@ -428,6 +429,26 @@ def test_a_clock_that_went_back_counts_as_no_time_and_one_that_went_on_shortens_
         assert held_by(made) is None
 
     restarted(asked, after, off_s=off_s, lease_s=30.0, found=UNDER_WAY)
+
+
+@pytest.mark.parametrize("was_used", [True, False])
+def test_after_a_session_that_is_found_over_people_have_their_turn_if_the_lift_was_used(*, was_used: bool) -> None:
+    async def before(made: Bench) -> None:
+        if was_used:
+            made.accept("L1")
+        else:
+            made.opened()
+        await elapse(1)
+
+    async def after(made: Bench) -> None:
+        await elapse(1)
+        made.accept("L3", holder=OTHER)
+        await elapse(3.5)
+        assert (made.presses == []) == was_used
+        await elapse(2)
+        assert made.presses == ["go_to L3"]
+
+    restarted(before, after, found=AT_L2, off_s=3600, between_sessions_s=5)
 
 
 @pytest.mark.parametrize(("off_s", "ends_after_s"), [(2.0, 28.0), (25.0, 10.0), (29.0, 10.0), (36.0, 10.0)])
