@@ -217,6 +217,8 @@ def _request_open(
     if is_live(observed.state):
         is_due = since_s >= REPEAT_S
         in_place = record.has_entered and observed.robot is not Occupancy.ABOARD
+        if record.phase is Phase.CLEARING and stands_open(record, observed, floor):
+            in_place = False  # some lifts shut the door and go once a robot is in place: this one has to get out
         is_elsewhere = session.floor != floor or not session.hold_door
         if (is_due or not record.failure) and (in_place or is_elsewhere):
             first = (_command(record, CommandType.ROBOT_IN_PLACE),) if in_place else ()

@@ -387,6 +387,15 @@ def test_a_robot_that_may_be_inside_when_time_is_up_is_let_out(phase: Phase, lim
     assert CLOSE not in after.actions
 
 
+@pytest.mark.parametrize("stands_open", [True, False])
+def test_a_robot_that_has_to_get_out_is_not_reported_as_in_place_while_the_door_stands_open_for_it(
+    *, stands_open: bool
+) -> None:
+    seen = OPEN_AT_START if stands_open else _but(OPEN_AT_START, robot_door=RobotDoor.MOVING)
+    after = tick(ride(Phase.CLEARING, has_entered=True, clearing=CLEARING, clear_at="L1"), seen)
+    assert (IN_PLACE not in after.actions) == stands_open
+
+
 def test_a_robot_that_is_not_heard_to_leave_is_given_up_with_an_alarm_and_its_car_is_not_given_away() -> None:
     clearing = ride(Phase.CLEARING, has_entered=True, clearing=Clearing(Phase.GAVE_UP, "too late"), clear_at="L3")
     after = tick(clearing, sight(OFFLINE, session("L3", Occupancy.ABOARD), now=100.0))
