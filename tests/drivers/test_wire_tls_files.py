@@ -26,6 +26,7 @@ from tests.drivers.secured import (
     server_side,
 )
 from tests.support.certificates import Authority
+from tests.support.programs import HANGS_S
 
 
 def test_a_missing_file_is_named(run: Run, tls: LinkTls, tmp_path: Path) -> None:
@@ -125,13 +126,17 @@ def test_between_the_renewal_of_certificate_and_key_the_last_pair_is_shown_on(
 @contextmanager
 def hanging(path: Path) -> Iterator[None]:
     """A file whose reader waits for ever, as on a disk that hangs."""
+    before = set(threading.enumerate())
     path.unlink()
     os.mkfifo(path)
     try:
         yield
     finally:
-        # lets go of every thread that waits in `open`
+        # releases every thread that waits in `open`; what it logs then is no news of the next test
         os.close(os.open(path, os.O_RDWR | os.O_NONBLOCK))
+        for thread in set(threading.enumerate()) - before:
+            thread.join(HANGS_S)
+            assert not thread.is_alive()
 
 
 @pytest.mark.parametrize("which", ["ca", "certificate", "key"])

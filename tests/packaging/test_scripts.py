@@ -249,7 +249,7 @@ def test_the_interpreter_can_be_chosen_even_in_a_folder_with_a_space(machine: Ma
     assert (machine.repo / ".venv" / "stamp").read_text().startswith("demo 3.12 ")
 
 
-PYTEST = "venv -m pytest -n 4 --dist loadfile --no-loadscope-reorder"
+PYTEST = "venv -m pytest -n 6 --dist loadfile --no-loadscope-reorder"
 
 
 def test_test_runs_the_linters_and_then_the_tests(machine: Machine) -> None:
