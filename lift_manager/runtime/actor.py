@@ -217,9 +217,8 @@ class LiftActor:
         self._is_taking = True
         try:
             if not isinstance(happened, Tick | Reading | ReadFailed) and _now() >= self.inbox.wake_at:
-                self._step(
-                    Tick()
-                )  # what is over by now is over for what comes now, though its timer was not called yet
+                # what is over by now is over for this input too, though the timer was not called yet
+                self._step(Tick())
             return self._step(happened)
         finally:
             self._is_taking = False

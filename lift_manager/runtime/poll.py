@@ -49,7 +49,7 @@ class LiftPoll:
             self.polls += 1
             ended = loop.time()
             self._slowest_s = max(ended - began, self._slowest_s * FORGETS)
-            # a poll that took too long is skipped, not made up for: queued ones would only bring older and older news
+            # after a poll that took too long the next follows at once; those that it delayed are not made up for
             due = max(due + self._pace_s(), ended)
             due = await pause.last_until(due, self._ticker)
 
