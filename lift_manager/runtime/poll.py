@@ -43,13 +43,15 @@ class LiftPoll:
                 reading = await actor.driver.read()
             except DriverError as error:
                 actor.take_failure(error)
+                # a controller that pauses may still answer: asked again at once, it would soon be taken for dead
+                due = loop.time()
             else:
                 actor.take_reading(reading)
                 self.looked.set()
             self.polls += 1
             ended = loop.time()
             self._slowest_s = max(ended - began, self._slowest_s * FORGETS)
-            # after a poll that took too long the next follows at once; those that it delayed are not made up for
+            # after one that was answered late the next follows at once; those that it delayed are not made up for
             due = max(due + self._pace_s(), ended)
             due = await pause.last_until(due, self._ticker)
 

@@ -26,7 +26,7 @@ from register_maps.words import Mode
 from simulator.faults import InMode, PowerLoss, SlotKept, StuckDoor
 from simulator.people import People
 from simulator.state import Inputs
-from simulator.wire_faults import Exchange, HalfOpen
+from simulator.wire_faults import Delay, Exchange, HalfOpen
 
 ROBOT = Holder("fleet", "r1")
 
@@ -166,6 +166,23 @@ def test_weather_is_that_of_one_controller() -> None:
         await until(world, lambda state: state.quality is Quality.OFFLINE)
         world.end_wire_fault("plc", HalfOpen())
         await until(world, lambda state: state.quality is Quality.LIVE)
+
+    in_world(check)
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.05, 0.1, 0.15])
+def test_a_controller_that_pauses_for_nearly_a_second_keeps_its_connection(phase_s: float) -> None:
+    pause = Delay(0.9, times=1)
+
+    async def check(world: World) -> None:
+        await until(world, lambda state: state.quality is Quality.LIVE)
+        for _ in range(3):
+            await elapse(5 + phase_s)
+            world.begin_wire_fault("plc", pause)
+            await elapse(2)
+            world.end_wire_fault("plc", pause)
+        stats = world.links[0].stats
+        assert (stats.connects, stats.timeouts) == (1, 1)  # the late answer shows how long it may take
 
     in_world(check)
 

@@ -145,12 +145,13 @@ class ScriptedDriver:
         self.above = above
 
     async def read(self) -> LiftReading:
-        if self.silent:
-            raise Silent("no answer", Delivery.NO)
         at, values = asyncio.get_running_loop().time(), self.values
-        self.read_at.append(at)
+        if not self.silent:
+            self.read_at.append(at)
         if self.takes_s:
             await asyncio.sleep(self.takes_s)
+        if self.silent:
+            raise Silent("no answer", Delivery.NO)
         self._was_read = True
         for name, (_, hold) in self._declared.items():
             if hold.until <= at and name not in self._unwritten:

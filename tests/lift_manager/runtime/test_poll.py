@@ -56,6 +56,15 @@ def test_a_poll_that_takes_longer_than_its_pace_is_followed_by_the_next_at_once(
     on_bench(check, PLAIN, poll_s=POLL_S)
 
 
+def test_a_controller_that_did_not_answer_has_a_whole_period_before_it_is_asked_again() -> None:
+    async def check(made: Bench) -> None:
+        made.driver.takes_s, made.driver.silent = 1.1 * POLL_S, True
+        await elapse(1)
+        assert await pace_s(made) == pytest.approx(made.driver.takes_s + POLL_S, abs=BEAT_S)
+
+    on_bench(check, PLAIN, poll_s=POLL_S)
+
+
 @pytest.mark.parametrize("after_poll_s", [0.02, 0.08, 0.11])
 def test_a_press_is_followed_by_a_poll_that_can_show_what_it_did(after_poll_s: float) -> None:
     async def check(made: Bench) -> None:
