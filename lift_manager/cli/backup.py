@@ -30,7 +30,7 @@ from lift_manager.store.keys import keys_path, read_keys
 from lift_manager.store.restored import StoreContent, copy_verified
 from register_maps.load import MAPS
 
-NOT_COPIED = (".db", ".db-wal", ".db-shm", ".db-journal", ".lock", ".new")
+NOT_COPIED = (".db", ".db-wal", ".db-shm", ".db-journal", ".lock", ".new", ".new-journal")
 """Endings of what belongs to a running manager; the database itself is copied in a way of its own."""
 
 
