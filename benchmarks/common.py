@@ -38,8 +38,10 @@ from lift_manager.lift.config import LiftConfig
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus
 from lift_manager.runtime.recorder import MemoryRecorder
+from register_maps import frames
 from register_maps.codec import compile_map
 from register_maps.load import load
+from register_maps.words import Table
 
 MAP = "generic-registers"
 """One block, one request a poll."""
@@ -212,6 +214,35 @@ def controllers(count: int, beat: int, core: int | None, tls: ssl.SSLContext | N
     finally:
         server.terminate()
         server.join()
+
+
+class BareClient(asyncio.Protocol):
+    """Sends one poll and takes what comes as its answer, unchecked: the least that any client on asyncio can cost."""
+
+    _POLL = frames.frame(frames.read(Table.HOLDING, 0, REGISTERS), 1)
+
+    @classmethod
+    async def connected(cls, port: int) -> BareClient:
+        """Connect to a controller."""
+        _, client = await asyncio.get_running_loop().create_connection(cls, "127.0.0.1", port)
+        return client
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        if not self._answer.done():  # the measurement is over
+            self._answer.set_result(data)
+
+    async def poll(self) -> bytes:
+        """Return the answer."""
+        self._answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        self._transport.write(self._POLL)  # type: ignore[attr-defined]  # a transport for writing
+        return await self._answer
+
+    def close(self) -> None:
+        """Hang up."""
+        self._transport.close()
 
 
 class _Controller(asyncio.Protocol):
