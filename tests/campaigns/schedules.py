@@ -223,9 +223,11 @@ def _further(random: Random, schedule: Schedule, maps: Sequence[str]) -> Schedul
             schedule = replace(schedule, map=random.choice(told_by), patience=Patience())
     if random.random() < HANDED:
         rides = [event for event in schedule.events if isinstance(event, RobotRides)]
-        events += [
-            HandsOver(ride.at + random.uniform(4, 25), ride.holder, random.choice(HOLDERS)) for ride in rides[:1]
-        ]
+        for ride in rides[:1]:
+            at, to = ride.at + random.uniform(4, 25), random.choice(HOLDERS)
+            if to == ride.holder:  # that would be a renewal, which no event tells the judge of
+                to = HOLDERS[HOLDERS.index(to) - 1]
+            events.append(HandsOver(at, ride.holder, to))
     two = [one for one in TWO_DOORS if one in maps]
     if two and random.random() < DOUBLE:
         schedule = replace(schedule, map=random.choice(two), two_doors=True, patience=Patience())
