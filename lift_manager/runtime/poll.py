@@ -15,6 +15,10 @@ FORGETS = 0.97
 """Decay of the slowest poll with each poll. Chosen: one slow poll in a hundred does not decide, and after one that takes twice as long as
 it may the pace is back within 24 polls."""
 
+RESPITE_S = 0.2
+"""At most so long after a poll that failed the next one follows. Chosen: a controller that pauses for 0.9 s keeps its connection, which is
+given up after two time-outs of 0.25 and 0.5 s, and one lost answer takes no lift offline whose `max_age_s` is twice its `poll_s`."""
+
 
 class LiftPoll:
     """The poll loop of one lift."""
@@ -43,17 +47,24 @@ class LiftPoll:
                 reading = await actor.driver.read()
             except DriverError as error:
                 actor.take_failure(error)
-                # a controller that pauses may still answer: asked again at once, it would soon be taken for dead
-                due = loop.time()
+                is_answered = False
             else:
                 actor.take_reading(reading)
                 self.looked.set()
+                is_answered = True
             self.polls += 1
             ended = loop.time()
             self._slowest_s = max(ended - began, self._slowest_s * FORGETS)
-            # after one that was answered late the next follows at once; those that it delayed are not made up for
-            due = max(due + self._pace_s(), ended)
-            due = await pause.last_until(due, self._ticker)
+            due = await pause.last_until(self._next_due(due, ended, is_answered=is_answered), self._ticker)
+
+    def _next_due(self, due: float, ended: float, *, is_answered: bool) -> float:
+        """Return when the next poll is due, after one that was due at `due`."""
+        config, pace_s = self._actor.config, self._pace_s()
+        if is_answered:
+            # one that took too long is followed by the next at once; those that it delayed are not made up for
+            return max(due + pace_s, ended)
+        # a controller that pauses may still answer: asked again at once, it would soon be taken for dead
+        return max(due + min(config.poll_s, config.poll_ridden_s), ended + min(pace_s, RESPITE_S))
 
     def _pace_s(self) -> float:
         """Return the time from one poll to the next."""

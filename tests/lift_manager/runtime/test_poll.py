@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import pytest
 
+from lift_manager.runtime.poll import RESPITE_S
 from lift_manager.runtime.ticker import BEAT_S
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import PLAIN, Bench, on_bench
@@ -56,13 +57,19 @@ def test_a_poll_that_takes_longer_than_its_pace_is_followed_by_the_next_at_once(
     on_bench(check, PLAIN, poll_s=POLL_S)
 
 
-def test_a_controller_that_did_not_answer_has_a_whole_period_before_it_is_asked_again() -> None:
+@pytest.mark.parametrize(
+    ("poll_s", "least_s", "respite_s"),
+    [(0.1, 0.1, 0.1), (0.2, 0.05, RESPITE_S), (0.5, 0.1, RESPITE_S), (1.0, 1.0, 0.7)],
+)
+def test_a_controller_that_did_not_answer_has_a_moment_before_it_is_asked_again(
+    poll_s: float, least_s: float, respite_s: float
+) -> None:
     async def check(made: Bench) -> None:
-        made.driver.takes_s, made.driver.silent = 1.1 * POLL_S, True
-        await elapse(1)
-        assert await pace_s(made) == pytest.approx(made.driver.takes_s + POLL_S, abs=BEAT_S)
+        made.driver.takes_s, made.driver.silent = 0.3, True
+        await elapse(2)
+        assert await pace_s(made) == pytest.approx(made.driver.takes_s + respite_s, rel=0.05)
 
-    on_bench(check, PLAIN, poll_s=POLL_S)
+    on_bench(check, PLAIN, poll_s=poll_s, poll_ridden_s=least_s)
 
 
 @pytest.mark.parametrize("after_poll_s", [0.02, 0.08, 0.11])

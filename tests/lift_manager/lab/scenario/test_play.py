@@ -321,6 +321,7 @@ def test_every_kind_of_entry_and_every_field_comes_about(tmp_path: Path) -> None
   - {at: 45, end_lockout: {by: Dana}}
   - {at: 45.5, drain: {by: Dana, reason: update}}
   - {at: 46, wire: drop_request, for_s: 3}
+  - {at: 46, request: {floor: L4, holder: "fleet:r2"}}
 """
     trace = played(tmp_path, text_of(do=do)).trace
     said = {(entry.kind, name) for entry in trace for name, value in entry.fields.items() if value not in (None, ())}
