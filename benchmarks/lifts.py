@@ -31,6 +31,8 @@ from lift_manager.web.server import listen
 STOCK, MANAGER = "stock", "manager"
 POLL_S = 0.1
 LIMIT_US = 20.0
+STEP_S = 0.01
+"""Less than one step of `cpu_s` cannot be measured."""
 
 
 def stock_app(lifts: Lifts) -> FastAPI:
@@ -80,7 +82,7 @@ async def cost_us(client: httpx.AsyncClient, process: int, seconds: float, lifts
         (await client.get("/api/v1/lifts")).raise_for_status()
         answers += 1
     spent_s = common.cpu_s(process) - cpu_s - background * (loop.time() - began)
-    return spent_s / answers / lifts * 1e6
+    return max(spent_s, STEP_S) / answers / lifts * 1e6
 
 
 async def measure(ports: tuple[str, str], processes: list[int], chosen: argparse.Namespace) -> dict[str, list[float]]:

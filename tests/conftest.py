@@ -37,6 +37,8 @@ LONGEST = (
     "lift_manager/web/test_page_of_the_demo.py",
 )
 """Files that take ten seconds and more. They begin first, so that at the end of a run no worker has one left while others wait."""
+MEMORY, ENOUGH_BYTES = Path("/dev/shm"), 1 << 30
+"""Where the files of tests are, if there is room: a disk that others write to holds up a flush for seconds, and a run needs 100 MB."""
 DESELECTED = pytest.StashKey[dict[str, int]]()
 UNDER_CI = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
@@ -48,6 +50,8 @@ def pytest_configure(config: pytest.Config) -> None:
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, default)
     config.stash[DESELECTED] = {}
+    if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > ENOUGH_BYTES:
+        os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
     gc.disable()  # a third of the time of collecting is spent on looking for garbage among modules and tests, which stay
 
 
