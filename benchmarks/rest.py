@@ -216,8 +216,8 @@ async def load(server: common.LiftServer, process: int, seconds: float) -> tuple
     answers.clear()
     began, reads, cpu_s = time.monotonic(), server.controller.reads, common.cpu_s(process)
     await asyncio.sleep(seconds)
-    while not (lost.is_set() or (answers and common.cpu_s(process) > cpu_s)):
-        await asyncio.sleep(seconds)  # on a busy computer there was nothing to measure yet
+    while not (lost.is_set() or (answers and common.cpu_s(process) > cpu_s)):  # noqa: ASYNC110  a busy computer: nothing to measure yet
+        await asyncio.sleep(seconds)
     took, cpu_s, reads = time.monotonic() - began, common.cpu_s(process) - cpu_s, server.controller.reads - reads
     found = sorted(answers)
     if lost.is_set() or not found:
