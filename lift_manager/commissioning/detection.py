@@ -34,7 +34,7 @@ class FaultEffect(StrEnum):
     EFFECT = "effect"
     """A command counts as confirmed, and had no effect."""
     OUTPUT = "output"
-    """An output counts as released, and is on."""
+    """An output is on that counts as released, or holds a door at another floor than the requested one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +162,10 @@ def _late_arrival(codec: Codec, fault: str, harmless: str, how: str) -> Detectio
 def _wrong_floor_shown(codec: Codec) -> Detection:
     floor = codec.signals.get("car_floor")
     limits = {signal.points for name, signal in codec.signals.items() if name.startswith("door.") and signal.per_floor}
-    if floor is not None and floor.points in limits:
-        return Detection("says_wrong_floor", None, (FaultEffect.OPEN, FaultEffect.EFFECT), "another door limit is made")
-    return Detection("says_wrong_floor", None, (FaultEffect.OPEN, FaultEffect.EFFECT), "nothing else shows the floor")
+    lies = (FaultEffect.OPEN, FaultEffect.EFFECT, FaultEffect.OUTPUT)
+    is_limit = floor is not None and floor.points in limits
+    how = "another door limit is made" if is_limit else "nothing else shows the floor"
+    return Detection("says_wrong_floor", None, lies, how)
 
 
 def _contradiction(codec: Codec, max_age_s: float) -> Detection:

@@ -59,7 +59,7 @@ _EFFECT_TEXTS = {
     FaultEffect.OPEN: "a door may be said to be open that is not",
     FaultEffect.MODE: "robots may be let in, or something be pressed, in a mode without robots",
     FaultEffect.EFFECT: "a command may be said to be confirmed that had no effect",
-    FaultEffect.OUTPUT: "an output that counts as released may stay on",
+    FaultEffect.OUTPUT: "an output may be on that nobody has requested there",
 }
 
 
