@@ -29,6 +29,7 @@ from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
 from lift_manager.config.tls import path_of, tls_cautions
+from lift_manager.hub.site_face import HubSettings, SiteFace
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.hours import RobotHours
 from lift_manager.lift.journal import Row
@@ -92,6 +93,8 @@ class Faces:
     """Keys of the API; None if it needs none. Those of a file are watched."""
     rmf: RosSettings | None = None
     """The RMF domain to join; None for none."""
+    hub: HubSettings | None = None
+    """The hub of many sites to take part in; None for none."""
     on_frame: Callable[[WireFrame], None] | None = None
     """Receives every frame of every link, from the first one on; it must neither wait nor raise."""
 
@@ -219,7 +222,7 @@ async def run(
         async with asyncio.TaskGroup() as tasks:
             parts.recorder.note(_start_row(loaded))
             polling = tasks.create_task(guarded(life.run()))
-            background = _background_tasks(parts, loaded, faces.keys, tls, adapter)
+            background = _background_tasks(parts, loaded, faces, tls, adapter)
             running = [tasks.create_task(guarded(task)) for task in background]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_READING_S):
@@ -256,21 +259,24 @@ def _tapped(parts: ManagerParts, on_frame: Callable[[WireFrame], None] | None, e
 def _background_tasks(
     parts: ManagerParts,
     loaded: LoadedSite,
-    keys: Keys | None,
+    faces: Faces,
     tls: ServerCertificates | None,
     adapter: RunningAdapter | None,
 ) -> Iterator[Coroutine[None, None, None]]:
     """Yield the background tasks, except for the polls and the web server."""
     recorder = parts.recorder
+    key_file = faces.keys if isinstance(faces.keys, KeyFile) else None
     yield from (link.run() for link in parts.links)
     yield from parts.life.drives()
     yield from (recorder.run(parts.site.report_disk), parts.metrics.run(), warn_of_expiry(loaded))
-    if isinstance(keys, KeyFile):
-        yield keys.run(recorder.note)
+    if key_file is not None:
+        yield key_file.run(recorder.note)
     if tls is not None:
         yield renew_certificates(tls)
     if adapter is not None:
         yield adapter.run()
+    if faces.hub is not None:
+        yield SiteFace(faces.hub, loaded.site.name, parts.site, key_file).run()
 
 
 def _adapter(parts: ManagerParts, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:

@@ -73,7 +73,7 @@ def test_every_page_of_the_documentation_is_in_its_index() -> None:
 
 
 WITH_MODULES = [
-    *(f"lift_manager/{name}" for name in ("client", "config", "lift", "rides", "rmf", "runtime", "store", "web")),
+    *(f"lift_manager/{name}" for name in ("client", "config", "hub", "lift", "rides", "rmf", "runtime", "store", "web")),
     "drivers",
     "drivers/modbus",
     "register_maps",

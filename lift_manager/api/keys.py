@@ -55,6 +55,14 @@ def is_token(text: str) -> bool:
     return _TOKEN.fullmatch(text) is not None
 
 
+def parts_of(key: Secret) -> tuple[str, str]:
+    """Return the id and the secret of a key. Raises ValueError for a text that is no key."""
+    match = _TOKEN.fullmatch(key.reveal())
+    if match is None:
+        raise ValueError("this is not a key of a lift manager")
+    return match[1], match[2]
+
+
 def holds_key(text: str) -> bool:
     """Whether a text seems to contain a key, or most of a mistyped one."""
     return bool(_LOOKS_LIKE.search(text) or _BARE.search(text))
@@ -118,6 +126,10 @@ class KeyRing:
             return None
         key, digest = self._keys.get(match[1], (None, "0" * 64))
         return key if hmac.compare_digest(digest_of(match[2]), digest) else None
+
+    def find_by_id(self, key_id: str) -> tuple[Key, str] | None:
+        """Return the live key with this id, and the digest of its secret."""
+        return self._keys.get(key_id)
 
     def find_by_name(self, name: str) -> Key | None:
         """Return the live key with this name."""

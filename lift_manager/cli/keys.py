@@ -22,7 +22,7 @@ from lift_manager.store.keys import KeyEntry, keys_path, make_key, read_keys, re
 app = typer.Typer(no_args_is_help=True, help="Make, list and revoke the keys of a site.")
 
 _NAME = re.compile(r"\w(?:[\w .-]{0,30}\w)?")
-_FACES = ("workshop", "api", "rmf", "page", "commissioning")
+_FACES = ("workshop", "api", "rmf", "page", "commissioning", "hub")
 """A session is shown as `<face>:<name>`, or as the face alone for anonymous callers."""
 RUNNING = "a manager that runs for this site sees it within a second; one that is not running, at its start"
 
@@ -55,11 +55,11 @@ def make(
     Example: lift-manager keys make site.yaml --name kitchen --role robot --lift goods
     """
     loaded = load_site_or_exit(site)
-    key = Key("", _check_name(name), role, _lifts(loaded, role, lift or []))
+    key = Key("", check_name(name), role, _lifts(loaded, role, lift or []))
     path = keys_path(store_path_of(loaded))
     try:
         first = not read_keys(path, loaded.site.name).live
-        made = make_key(path, loaded.site.name, key, by=_current_user(), at=datetime.now(UTC))
+        made = make_key(path, loaded.site.name, key, by=current_user(), at=datetime.now(UTC))
     except KeysUnusable as error:
         raise fail(str(error)) from error
     print_stderr(f"{key.name}: a key with the role {role}, kept as a hash in {path}; {RUNNING}")
@@ -71,11 +71,11 @@ def make(
             " session is over. Make the first key while no robot rides; if one does, wait until it is outside, or end its session with"
             " `lift-manager release`, look into the car, and run `lift-manager ack`"
         )
-    _keep_to_owner(sys.stdout)
+    keep_to_owner(sys.stdout)
     out.print(made.reveal(), markup=False, highlight=False, soft_wrap=True)
 
 
-def _keep_to_owner(stream: TextIO) -> None:
+def keep_to_owner(stream: TextIO) -> None:
     """Make a file to which stdout is redirected private: the shell makes it readable for all, and no command accepts such a key."""
     try:
         number = stream.fileno()
@@ -104,7 +104,7 @@ def list_keys(site: SiteFile) -> None:
         raise fail(str(error)) from error
     if not keys:
         print_lines([f"there is no key in {path}; make one with `lift-manager keys make`"])
-    print_lines(_line(entry) for entry in keys)
+    print_lines(key_line(entry) for entry in keys)
 
 
 @app.command()
@@ -120,7 +120,7 @@ def revoke(
     loaded = load_site_or_exit(site)
     path = keys_path(store_path_of(loaded))
     try:
-        remaining = revoke_key(path, loaded.site.name, name, by=_current_user(), at=datetime.now(UTC))
+        remaining = revoke_key(path, loaded.site.name, name, by=current_user(), at=datetime.now(UTC))
     except KeysUnusable as error:
         raise fail(str(error)) from error
     print_lines([f"{name}: revoked; {RUNNING}"])
@@ -128,7 +128,7 @@ def revoke(
         print_stderr("it was the last live key: where the site is open without keys, as on 127.0.0.1, it is open again")
 
 
-def _check_name(name: str) -> str:
+def check_name(name: str) -> str:
     if not _NAME.fullmatch(name) or holds_key(name):
         raise typer.BadParameter("use 1 to 32 letters, digits, spaces, points and hyphens", param_hint="--name")
     if name.casefold() in _FACES:
@@ -150,7 +150,7 @@ def _lifts(loaded: LoadedSite, role: Role, lifts: list[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(lifts))
 
 
-def _line(entry: KeyEntry) -> str:
+def key_line(entry: KeyEntry) -> str:
     lifts = f" for {', '.join(entry.lifts)}" if entry.lifts else ""
     made = f"made {entry.made_at:%Y-%m-%d %H:%M} UTC by {entry.made_by}"
     if entry.revoked_at is None:
@@ -159,7 +159,7 @@ def _line(entry: KeyEntry) -> str:
     return f"{entry.name}: {entry.role}{lifts}, id {entry.id}, {made}, {revoked}"
 
 
-def _current_user() -> str:
+def current_user() -> str:
     """Return the user at the terminal: with sudo, not root."""
     if person := os.environ.get("SUDO_USER", ""):
         return person

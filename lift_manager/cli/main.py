@@ -40,6 +40,7 @@ COMMANDS = {
     "bundle": "bundle:bundle",
     "scenario": "scenario:app",
     "rmf": "rmf:app",
+    "hub": "hub:app",
 }
 """Module of this package, and the function or group in it, by command."""
 
@@ -56,6 +57,7 @@ SUMMARIES = {
         "keys": "Make, list and revoke the keys of a site.",
         "network": "Show what the owner's network should let through.",
         "rmf": "Run the Open-RMF adapter without ROS, or inspect messages.",
+        "hub": "Serve the lifts of many sites, or manage the sites.",
     },
     "Commission a lift": {
         "init": "Write the site file of a first lift.",

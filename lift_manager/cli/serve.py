@@ -21,6 +21,7 @@ from lift_manager.cli.common import (
     open_store_or_exit,
     out,
     print_lines,
+    print_stderr,
     report_mistakes,
     store_path_of,
 )
@@ -28,11 +29,14 @@ from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
 from lift_manager.cli.serve_checks import allows_requests_without_keys, cautions, obstacles, with_checkouts
+from lift_manager.config.hub import hub_password
 from lift_manager.config.load import LoadedSite
+from lift_manager.hub.connection import require_nats
+from lift_manager.hub.errors import NatsMissing
+from lift_manager.hub.site_face import HubSettings
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.plain.text import counted
 from lift_manager.rmf.dds import DdsError
-from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
@@ -93,6 +97,7 @@ def serve(
         _log.warning("%s", line)
     loaded = with_checkouts(loaded)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
+    hub = _hub_settings(loaded)
     api = loaded.site.api
     committer = open_store_or_exit(loaded)
     try:
@@ -102,7 +107,7 @@ def serve(
     with sock:
         stores = Stores(committer, _keys(loaded, sock))
         try:
-            released = run(_serve(loaded, sock, stores, settings, stopped_early))
+            released = run(_serve(loaded, sock, stores, running.Faces(stores.keys, settings, hub), stopped_early))
         except* DdsError as group:
             raise report_join_failure(group.exceptions[0]) from group
         except* (ControllerTaken, LockUnusable, ListenError) as group:
@@ -128,8 +133,22 @@ def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
     return keys
 
 
+def _hub_settings(loaded: LoadedSite) -> HubSettings | None:
+    """Return how to reach the leaf node of the site, if it belongs to a hub; exit with 2 if something has to be installed first."""
+    hub = loaded.site.hub
+    if hub is None:
+        return None
+    try:
+        require_nats()
+    except NatsMissing as error:
+        print_stderr(str(error))
+        raise typer.Exit(2) from error
+    password = hub_password(loaded.site, loaded.path.parent)
+    return HubSettings(hub.site, hub.server, password, hub.commands, store_path_of(loaded))
+
+
 async def _serve(
-    loaded: LoadedSite, sock: socket, stores: Stores, rmf: RosSettings | None, stopped_early: Callable[[], bool]
+    loaded: LoadedSite, sock: socket, stores: Stores, faces: running.Faces, stopped_early: Callable[[], bool]
 ) -> bool:
     stop = asyncio.Event()
     stop_on_signals(stop)
@@ -143,8 +162,9 @@ async def _serve(
         gc.freeze()  # a full collection of all that lives as long as the process would stop every lift for a tenth of a second
         where = f"{scheme}://{host}:{port}/docs"
         out.print(f"{loaded.site.name}: {counted(len(loaded.site.lifts), 'lift')} on {where}", highlight=False)
-        if rmf is not None:
-            print_lines([f"Open-RMF lift adapter: {describe_rmf(rmf)}"])
+        if faces.rmf is not None:
+            print_lines([f"Open-RMF lift adapter: {describe_rmf(faces.rmf)}"])
+        if faces.hub is not None:
+            print_lines([f"hub: site {faces.hub.site}, over the leaf node {faces.hub.server}"])
 
-    faces = running.Faces(stores.keys, rmf)
     return await running.run(loaded, sock, stop=stop, ready=ready, recorder=stores.committer, faces=faces)

@@ -58,10 +58,25 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
 def cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield what people should know of a site at every start, a line each."""
     yield from loaded.cautions()
+    yield from _hub_caution(loaded)
     for lift, approval in _approvals(loaded).items():
         if approval.problem:
             yield f"{lift}: robots may use it, and {approval.problem}; {_test_advice(loaded.path, lift)}"
         yield from (f"{lift}: {caution}" for caution in approval.cautions)
+
+
+def _hub_caution(loaded: LoadedSite) -> Iterator[str]:
+    """Yield that commands through the hub need a key to be signed with."""
+    site = loaded.site
+    if site.hub is None or not site.hub.commands:
+        return
+    yield "the hub: whoever has a key of this site may command its lifts from anywhere; `hub: {commands: true}` says so"
+    try:
+        keys = read_kept_keys(keys_path(store_path(site.name, site.state, loaded.path, os.environ)), site.name).live
+    except (StoreUnusable, KeysUnusable):
+        return  # an obstacle, which is reported as such
+    if not keys:
+        yield "the hub: nobody can command a lift, because a command is signed with a key of this site, and there is none"
 
 
 def with_checkouts(loaded: LoadedSite) -> LoadedSite:

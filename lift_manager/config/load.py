@@ -13,6 +13,7 @@ from lift_manager.config.check import check_site
 from lift_manager.config.check_floors import unused_codes
 from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.devices import POLL_RIDDEN_S, POLL_S, Device, devices, least_poll_s, links
+from lift_manager.config.hub import hub_problems
 from lift_manager.config.maps import compile_maps, is_value_table, load_maps, tables
 from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
@@ -45,6 +46,7 @@ _STAND_INS: StandIns = {
             ("rmf",),
             ("rmf", "*"),
             ("journal",),
+            ("hub",),
             ("timezone",),
             ("state",),
         ],
@@ -161,7 +163,10 @@ def load_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
         problems = check_site(site, maps.lifts, maps.unchanged, maps.spare, for_rmf=for_rmf)
         remaining = (problem for problem in problems if not _is_consequence(problem, attempt.replaced))
         findings += [source.finding(problem.key, problem.message) for problem in remaining]
-        unusable = tuple(source.finding(fault.key, fault.message) for fault in tls_problems(site, path.parent))
+        unusable = tuple(
+            source.finding(fault.key, fault.message)
+            for fault in (*tls_problems(site, path.parent), *hub_problems(site, path.parent))
+        )
     if findings or site is None:
         raise MapFileError([*findings, *unusable])
     return LoadedSite(site, maps.lifts, path, maps.spare, unusable)

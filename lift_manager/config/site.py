@@ -390,6 +390,31 @@ class Lift(_Part):
     """Why it is acceptable that an output stays on when this manager is lost and nothing releases it."""
 
 
+HUB_SITE_ID = r"^[a-z0-9](?:[a-z0-9-]{0,30}[a-z0-9])?$"
+"""The id of a site at a hub: a token of a NATS subject and of an account name, in an address and in a file name."""
+
+
+class Hub(_Part):
+    """The hub of many sites that this one belongs to."""
+
+    site: Annotated[
+        str,
+        StringConstraints(pattern=HUB_SITE_ID),
+        Field(description="1 to 32 small letters, digits and hyphens, as `lift-manager hub site add` was given it"),
+    ]
+    """The id of this site at the hub."""
+    server: Annotated[
+        str,
+        StringConstraints(max_length=300, pattern=r"^(nats|tls)://[^\s/@]+$"),
+        Field(description="the address of a NATS server, such as nats://127.0.0.1:4223"),
+    ] = "nats://127.0.0.1:4223"
+    """The site's own leaf node."""
+    password: FileName
+    """The file with the password for it."""
+    commands: Annotated[bool, Field(strict=True)] = False
+    """Whether users with a key of this site may command its lifts through the hub."""
+
+
 class Journal(_Part):
     """The limits of the journal. The oldest rows are removed first."""
 
@@ -414,6 +439,8 @@ class Site(_Part):
     announcements: FileName | None = None
     """The folder with recorded announcements for the lobby view, relative to the site file."""
     rmf: Rmf = Rmf()
+    hub: Hub | None = None
+    """By default there is none."""
     controllers: dict[Text, Controller] = Field(min_length=1)
     lifts: dict[str, Lift] = Field(min_length=1)
     """By name. `check_site` checks the names, so that a wrong one does not hide other mistakes."""

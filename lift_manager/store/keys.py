@@ -266,6 +266,10 @@ class KeyFile:
         """Return the live key with this token; None for any other token."""
         return self._ring.find(secret)
 
+    def find_by_id(self, key_id: str) -> tuple[Key, str] | None:
+        """Return the live key with this id, and the digest of its secret."""
+        return self._ring.find_by_id(key_id)
+
     def find_by_name(self, name: str) -> Key | None:
         """Return the live key of this name."""
         return self._ring.find_by_name(name)

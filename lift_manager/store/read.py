@@ -80,6 +80,8 @@ class Reader:
             about = dict(connection.execute("SELECT key, value FROM about").fetchall())
         self.site = str(about.get("site", ""))
         """The name of the site according to the journal; it is not part of the chain."""
+        self.made_at = str(about.get("made_at", ""))
+        """When the file was created; a restored copy has that of the original."""
 
     def __enter__(self) -> Self:
         return self

@@ -93,9 +93,7 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
         separate_input_output_schemas=False,
         telemetry={"tracing": False, "metrics": False, "logs": False},  # would be looked for in each request
     )
-    app.add_exception_handler(HTTPException, _explain)
-    app.add_exception_handler(RequestError, _refuse)
-    app.add_exception_handler(RequestRefused, _refuse)
+    add_error_replies(app)
     keys = keys or KeyRing()
     app.state.site, app.state.keys, app.state.simulated = site, keys, frozenset(simulated)
     logins = app.state.logins = Logins(keys)
@@ -117,6 +115,13 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
         app.router.routes.extend(router.routes)
     describe_access(app, routes, keys, site.lift_names())
     return app
+
+
+def add_error_replies(app: FastAPI) -> None:
+    """Reply to every refusal in the format of the requested face."""
+    app.add_exception_handler(HTTPException, _explain)
+    app.add_exception_handler(RequestError, _refuse)
+    app.add_exception_handler(RequestRefused, _refuse)
 
 
 async def _errors() -> Response:

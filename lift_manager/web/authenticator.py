@@ -6,7 +6,7 @@ import hmac
 import logging
 import re
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from urllib.parse import unquote_plus
 
 from starlette.datastructures import Headers
@@ -141,7 +141,7 @@ class Authenticator:
         """Return the route and the lift in its path, or without a match the methods that the path accepts."""
         for pattern, route in self._routes:
             if method in route.methods and (match := pattern.match(path)) is not None:
-                return route, match.groupdict().get("lift", ""), ()
+                return route, _lift_of(match.groupdict()), ()
         others = [method for pattern, route in self._routes if pattern.match(path) for method in route.methods]
         return None, "", tuple(dict.fromkeys(others))
 
@@ -208,6 +208,12 @@ class AllowedRequests:
 def caller_name(path: str, key: Key) -> str:
     """Return the caller as the journal names it: with its face on the workshop API."""
     return f"workshop:{key.name}" if is_workshop(path) else key.name
+
+
+def _lift_of(named: Mapping[str, str]) -> str:
+    """Return the lift in a path; on a hub with its site, as in `berlin/goods`, which is how keys of a hub name it."""
+    lift = named.get("lift", "")
+    return f"{named['site']}/{lift}" if lift and "site" in named else lift
 
 
 def _lifts_of(route: Route, lift: str, scope: Scope, key: Key) -> tuple[str, ...]:

@@ -163,7 +163,32 @@ WEB_CODES: Mapping[str, Code] = {
 }
 """Errors of the web face itself."""
 
-CODES: Mapping[str, Code] = {**{str(code): entry_code for code, entry_code in REFUSAL_CODES.items()}, **WEB_CODES}
+HUB_CODES: Mapping[str, Code] = {
+    "unknown_site": Code(404, "There is no such site", "`GET /api/v1/sites` of the hub lists those there are."),
+    "site_silent": Code(
+        503,
+        "The site does not reply",
+        "It is cut off, switched off, or too slow. It runs as before; its own manager has its lifts. No command was carried out.",
+    ),
+    "unconfirmed": Code(
+        504,
+        "Nobody knows whether the command was carried out",
+        "The reply of the site was lost. Send the command again with a new ticket and the same idempotency key: it begins nothing twice.",
+    ),
+    "ticket_over": Code(
+        409,
+        "The ticket is not good",
+        "It was used, or the command arrived later than 2 s after the site issued it. Nothing was done: request another ticket.",
+    ),
+    "bad_reply": Code(502, "The site sent a reply that means nothing here", "It may be of another version."),
+}
+"""Errors of a hub."""
+
+CODES: Mapping[str, Code] = {
+    **{str(code): entry_code for code, entry_code in REFUSAL_CODES.items()},
+    **WEB_CODES,
+    **HUB_CODES,
+}
 
 
 def title(code: str, status: int) -> str:

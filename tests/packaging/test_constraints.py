@@ -19,8 +19,9 @@ EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
 NEEDED = {
     "run": [*BUILD, *RUN],
     "rmf": [*BUILD, *RUN, *EXTRAS["rmf"]],
+    "hub": [*BUILD, *RUN, *EXTRAS["hub"]],
     "package": [*BUILD, *RUN, *EXTRAS["package"]],
-    "dev": [*BUILD, *RUN, *EXTRAS["rmf"], *EXTRAS["dev"]],
+    "dev": [*BUILD, *RUN, *EXTRAS["rmf"], *EXTRAS["hub"], *EXTRAS["dev"]],
     "docs": PROJECT["dependency-groups"]["docs"],
 }
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -84,7 +85,7 @@ def test_what_the_project_asks_for_is_in_it_once_and_in_a_version_that_it_takes(
         assert needed.specifier.contains(version), f"{needed}: {version}; ./scripts/pin writes the files anew"
 
 
-@each_row("name", ["rmf", "package", "dev"])
+@each_row("name", ["rmf", "hub", "package", "dev"])
 def test_every_file_has_the_same_versions_of_what_the_program_needs(name: str) -> None:
     others = pinned(name)
     for requirement, hashes in pinned("run"):

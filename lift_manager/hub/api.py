@@ -1,0 +1,105 @@
+"""The bodies of the hub's own routes, and which role each needs."""
+
+from __future__ import annotations
+
+from pydantic import AwareDatetime, Field
+
+from lift_manager.api.fields import Answer, RequestModel, Seconds, ShortName, Words
+from lift_manager.api.roles import AccessLevel, LiftIn, Route
+from lift_manager.hub.messages import RemoteLift
+from lift_manager.hub.remote_site import SiteState
+
+_GET, _POST, _FILE = ("GET",), ("POST",), ("GET", "HEAD")
+_SITE = "/api/v1/sites/{site}"
+
+ROUTES: tuple[Route, ...] = (
+    Route(_GET, "/docs", AccessLevel.NOTHING),
+    Route(_FILE, "/docs/{path:path}", AccessLevel.NOTHING),
+    Route(_GET, "/redoc", AccessLevel.NOTHING),
+    Route(_FILE, "/redoc/{path:path}", AccessLevel.NOTHING),
+    Route(_FILE, "/openapi.json", AccessLevel.NOTHING),
+    Route(_GET, "/healthz", AccessLevel.NOTHING),
+    Route(_GET, "/readyz", AccessLevel.NOTHING),
+    Route(_GET, "/metrics", AccessLevel.READ),
+    Route(_GET, "/api/v1/sites", AccessLevel.READ),
+    Route(_GET, "/api/v1/events", AccessLevel.READ),
+    Route(_GET, _SITE, AccessLevel.READ),
+    Route(_POST, f"{_SITE}/off", AccessLevel.OPERATE),
+    Route(_POST, f"{_SITE}/on", AccessLevel.OPERATE),
+    Route(_POST, f"{_SITE}/tickets", AccessLevel.COMMAND, LiftIn.BODY),
+    Route(_GET, f"{_SITE}/lifts", AccessLevel.READ),
+    Route(_GET, f"{_SITE}/lifts/{{lift}}", AccessLevel.READ, LiftIn.PATH),
+    Route(_POST, f"{_SITE}/lifts/{{lift}}/commands", AccessLevel.COMMAND, LiftIn.PATH),
+)
+"""All requests that a hub serves."""
+
+
+class Off(Answer):
+    """Who switched a site off, and why."""
+
+    by: str
+    reason: str
+    at: AwareDatetime
+
+
+class RemoteSiteInfo(Answer):
+    """One site, as far as the hub knows without contacting it."""
+
+    id: str = Field(examples=["berlin"])
+    name: str = Field(description="As its site file has it; empty before the first news.")
+    state: SiteState
+    news_age_s: Seconds | None = Field(
+        description="How long ago the newest news arrived, on the clock of the hub; null before the first."
+    )
+    version: str
+    lifts: int = Field(description="How many lifts it has, according to the newest news.")
+    live: int = Field(description="How many of them could be read then.")
+    commands: bool = Field(description="Whether it takes commands from the hub.")
+    rows_behind: int | None = Field(
+        description="How many rows of its journal the hub has still to read, as far as it knows; null while the site has no stream."
+    )
+    off: Off | None = Field(description="Who switched it off; null while it is not.")
+
+
+class SitesAnswer(Answer):
+    """The sites of the hub."""
+
+    sites: tuple[RemoteSiteInfo, ...]
+
+
+class RemoteLiftsAnswer(Answer):
+    """The lifts of a site, requested from it for this reply."""
+
+    site: str
+    round_trip_s: Seconds = Field(
+        description="How long request and reply took. A reading is at most its `age_s` plus this old when the hub sends it."
+    )
+    lifts: tuple[RemoteLift, ...]
+
+
+class RemoteLiftAnswer(Answer):
+    """One lift of a site, requested from it for this reply."""
+
+    site: str
+    round_trip_s: Seconds = Field(description="How long request and reply took.")
+    lift: RemoteLift
+
+
+class SwitchOffRequest(RequestModel):
+    """Switch a site off."""
+
+    by: ShortName = Field(examples=["M. Weber"])
+    reason: Words = Field(examples=["its key was copied"])
+
+
+class SwitchOnRequest(RequestModel):
+    """Switch a site on."""
+
+    by: ShortName = Field(examples=["M. Weber"])
+
+
+class SwitchedAnswer(Answer):
+    """The site is switched; the NATS server follows within a second."""
+
+    site: str
+    off: Off | None

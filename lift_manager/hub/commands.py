@@ -1,0 +1,149 @@
+"""Carries out the commands that reach a site from the hub: checks freshness, signature, key and lift, then does what /api/v1 would."""
+
+from __future__ import annotations
+
+import hmac
+from typing import Protocol
+
+from pydantic import TypeAdapter, ValidationError
+
+from lift_manager.api.keys import Key
+from lift_manager.api.roles import AccessLevel, refusal
+from lift_manager.api.sessions import Command, Session
+from lift_manager.hub.errors import SiteRefused
+from lift_manager.hub.messages import (
+    Action,
+    CloseSession,
+    CommandMessage,
+    CommandResult,
+    OpenSession,
+    ProblemMessage,
+    RenewSession,
+    SendCommand,
+)
+from lift_manager.hub.signing import signature, signed_text
+from lift_manager.hub.tickets import Tickets
+from lift_manager.lift.commands import CommandRequest, SessionInfo
+from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.errors import NotFound
+from lift_manager.runtime.refusals import FaceRefusal
+from lift_manager.runtime.site import Site
+
+FACE = "hub"
+"""The face of every holder whose session was opened through the hub."""
+
+_ACTION: TypeAdapter[Action] = TypeAdapter(Action)
+
+
+class Signers(Protocol):
+    """The keys of a site."""
+
+    def find_by_id(self, key_id: str) -> tuple[Key, str] | None:
+        """Return the live key with this id, and the digest of its secret."""
+        ...
+
+
+class Commands:
+    """The commands of one site. Every refusal is raised: as RequestRefused by the rules, as SiteRefused here."""
+
+    def __init__(self, site_id: str, site: Site, signers: Signers) -> None:
+        self._site_id, self._site, self._signers = site_id, site, signers
+        self.tickets = Tickets()
+
+    async def carry_out(self, message: CommandMessage, now: float) -> CommandResult:
+        """Do what a command says, once. Raises RequestRefused and SiteRefused."""
+        lift, command = message.lift, message.command
+        is_fresh = self.tickets.take(command.ticket, now)
+        key = self._signer(message)
+        if not is_fresh:
+            text = "the ticket is not good: it was used, or the command arrived later than 2 s after it was issued. Nothing was done"
+            raise self._refused("ticket_over", 409, text, lift, key)
+        try:
+            action: Action = _ACTION.validate_json(command.action)
+        except ValidationError as error:
+            found = error.errors(include_url=False, include_input=False)[0]
+            where = ".".join(str(part) for part in found["loc"])
+            raise self._refused("malformed", 422, f"action: {where} {found['msg']}", lift, key) from error
+        result = self._do(action, lift, key)
+        recorded = await self._site.recorded(lift)
+        return _with_recorded(result, recorded=recorded)
+
+    def _signer(self, message: CommandMessage) -> Key:
+        """Return the key that signed a command. Raises SiteRefused if there is none, or if it may not command the lift."""
+        lift, command = message.lift, message.command
+        text = signed_text(self._site_id, lift, command.ticket, command.action)
+        found = self._signers.find_by_id(command.key_id)
+        key, digest = (None, "0" * 64) if found is None else found
+        matches = hmac.compare_digest(signature(digest, text), command.signature)
+        if key is None or not matches:
+            why = "the signature is not that of a live key of this site: sign with a key of the site, not with that of the hub"
+            raise self._refused("bad_key", 401, why, lift, None)
+        if why := refusal(key.role, key.lifts, AccessLevel.COMMAND, (lift,)):
+            raise self._refused("not_allowed", 403, why, lift, key)
+        return key
+
+    def _do(self, action: Action, lift: str, key: Key) -> CommandResult:
+        site = self._site
+        match action:
+            case OpenSession(body=body):
+                _require_idempotency(body.idempotency_key)
+                name = f"{key.name}/{body.robot}" if body.robot else key.name
+                opened = site.open_session(lift, Holder(FACE, name), key=body.idempotency_key or "", ttl_s=body.ttl_s)
+                return _session(opened.session)
+            case RenewSession(session=session, body=renewal):
+                own = self._own(lift, session, key)
+                return _session(site.renew_session(lift, own.id, own.holder, renewal.ttl_s))
+            case CloseSession(session=session, body=closing):
+                own = self._own(lift, session, key)
+                return _session(site.close_session(lift, own.id, own.holder, closing.robot))
+            case SendCommand(session=session, body=sent):
+                _require_idempotency(sent.idempotency_key)
+                own = self._own(lift, session, key)
+                request = CommandRequest(
+                    session=own.id,
+                    holder=own.holder,
+                    kind=sent.do,
+                    floor=sent.floor,
+                    hold_door=sent.hold_door,
+                    side=sent.door,
+                    key=sent.idempotency_key or "",
+                )
+                return CommandResult(command=Command.of(site.command(lift, request)))
+
+    def _own(self, lift: str, session: str, key: Key) -> SessionInfo:
+        """Return a session that was opened through the hub with this key. Raises SiteRefused; the text does not reveal others."""
+        try:
+            found = self._site.session(lift, session, None)
+        except NotFound as error:
+            if error.code is not Refusal.NO_SUCH_SESSION:
+                raise
+        else:
+            if found.holder.face == FACE and found.holder.name.partition("/")[0] == key.name:
+                return found
+        text = "this lift has no session of that id that was opened through the hub with this key"
+        raise self._refused(Refusal.NO_SUCH_SESSION, 404, text, lift, key)
+
+    def _refused(self, code: str, status: int, text: str, lift: str, key: Key | None) -> SiteRefused:
+        """Write a refusal down, and return what is raised."""
+        name = "" if key is None else f"{FACE}:{key.name}"
+        self._site.turned_away(FaceRefusal(code, text, lift, name, "the hub"))
+        return SiteRefused(ProblemMessage(code=code, status=status, message=text))
+
+
+def _session(found: SessionInfo) -> CommandResult:
+    return CommandResult(session=Session.model_validate(found))
+
+
+def _require_idempotency(key: str | None) -> None:
+    if key is None:
+        text = "action: body.idempotency_key is missing: a reply may be lost on its way, and without it a repetition would begin twice"
+        raise SiteRefused(ProblemMessage(code="malformed", status=422, message=text))
+
+
+def _with_recorded(result: CommandResult, *, recorded: bool) -> CommandResult:
+    changes = {"recorded": recorded}
+    return CommandResult(
+        session=None if result.session is None else result.session.model_copy(update=changes),
+        command=None if result.command is None else result.command.model_copy(update=changes),
+    )

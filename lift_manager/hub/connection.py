@@ -1,0 +1,95 @@
+"""Connects to a NATS server. nats-py is loaded on first use, so that a manager without the extra `[hub]` starts, and starts fast."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from lift_manager.hub.errors import NatsMissing
+
+if TYPE_CHECKING:
+    from nats.aio.client import Client
+
+RECONNECT_S = 1.0
+"""How long to wait between two attempts. Chosen: a server restarts in less."""
+PING_S = 5
+"""How often the connection is tested: one that is dead is given up after two of them."""
+
+_log = logging.getLogger(__name__)
+
+
+def require_nats() -> None:
+    """Load nats-py. Raises NatsMissing."""
+    try:
+        import_module("nats.aio.client")
+    except ImportError as error:
+        raise NatsMissing(error) from error
+
+
+class Connection:
+    """One connection to a NATS server, made again for as long as it lasts.
+
+    Nothing is buffered while it is lost: what cannot be sent now fails now, because a command that arrives late is a wrong command.
+    """
+
+    def __init__(self, owner: str, server: str, user: str, password: str) -> None:
+        """`owner` is what the log names; `server` is a URL without credentials."""
+        self._owner, self._server = owner, server
+        self._user, self._password = user, password
+        self._trouble = ""
+        self._client: Client | None = None
+
+    @property
+    def client(self) -> Client:
+        """The client; only once `open` has returned."""
+        assert self._client is not None  # noqa: S101  for mypy
+        return self._client
+
+    @property
+    def is_up(self) -> bool:
+        """Whether messages can be sent now."""
+        return self._client is not None and self._client.is_connected
+
+    async def open(self) -> None:
+        """Return once the first connection is made, however long that takes."""
+        module = import_module("nats.aio.client")
+        self._client = module.Client()
+        await self._client.connect(
+            self._server,
+            user=self._user,
+            password=self._password,
+            name=self._owner,
+            error_cb=self._on_error,
+            disconnected_cb=self._on_lost,
+            reconnected_cb=self._on_connected,
+            allow_reconnect=True,
+            max_reconnect_attempts=-1,
+            reconnect_time_wait=RECONNECT_S,  # type: ignore[arg-type]  # the annotation says int; it goes to asyncio.sleep
+            ping_interval=PING_S,
+            pending_size=0,
+        )
+        await self._on_connected()
+
+    async def close(self) -> None:
+        """Close it, without waiting for what is under way."""
+        if self._client is not None:
+            with suppress(Exception):  # a connection that is half open fails to close, and that is all the same here
+                await self._client.close()
+
+    async def _on_connected(self) -> None:
+        self._trouble = ""
+        _log.info("%s: connected to %s", self._owner, self._server)
+
+    async def _on_lost(self) -> None:
+        if self._client is not None and not self._client.is_closed:
+            _log.warning(
+                "%s: the connection to %s is lost; it is made again as soon as possible", self._owner, self._server
+            )
+
+    async def _on_error(self, error: Exception) -> None:
+        trouble = str(error) or type(error).__name__
+        if trouble != self._trouble:
+            _log.warning("%s: %s: %s", self._owner, self._server, trouble)
+        self._trouble = trouble

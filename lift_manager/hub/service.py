@@ -1,0 +1,155 @@
+"""The hub: all sites, over one connection to its NATS server, and what was read of them."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TypeVar
+
+from drivers.thread import Worker
+from lift_manager.hub.connection import Connection
+from lift_manager.hub.errors import FolderUnusable
+from lift_manager.hub.folder import HubFolder, Registry
+from lift_manager.hub.messages import Position, RowMessage
+from lift_manager.hub.nats_server import NatsServer
+from lift_manager.hub.remote_site import RemoteSite, SiteState
+from lift_manager.hub.rows import RowStore, StoredEvent
+
+CHECK_EVERY_S = 0.5
+"""How often the files of the folder are checked, as those of keys."""
+
+Result = TypeVar("Result")
+Receive = Callable[[StoredEvent, str], None]
+"""Takes an event and its site; must neither wait nor raise."""
+
+_log = logging.getLogger(__name__)
+
+
+class Hub:
+    """All sites of a folder. It observes them while `run` runs, and replies to its faces from memory, its database, or the site itself."""
+
+    def __init__(self, folder: HubFolder) -> None:
+        """Raises FolderUnusable and NatsServerMissing."""
+        self.folder = folder
+        self.registry: Registry = folder.registry()
+        self._server = NatsServer(folder)
+        settings = folder.settings().nats
+        url = f"nats://127.0.0.1:{settings.client_port}"
+        self._connection = Connection("hub", url, "hub", self.registry.password)
+        self.sites: dict[str, RemoteSite] = {}
+        """The sites that are not switched off."""
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._rows: RowStore | None = None
+        self._worker = Worker("lift-manager-hub")
+        self._receivers: dict[Receive, None] = {}
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the hub reaches its NATS server."""
+        return self._connection.is_up
+
+    async def run(self, ready: Callable[[], None]) -> None:
+        """Observe all sites until cancelled."""
+        self.folder.write(self.registry)
+        self._rows = await self._in_thread(lambda: RowStore(self.folder.rows))
+        positions = await self._in_thread(self._store.positions)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._server.run())
+                try:
+                    await self._connection.open()
+                    self._follow(tasks, self.registry, positions)
+                    ready()
+                    await self._follow_folder(tasks)
+                finally:
+                    await self._connection.close()  # before the server ends
+        finally:
+            closed = self._worker.submit(self._rows.close)
+            self._worker.stop()
+            await closed
+
+    def state(self, site: str) -> SiteState:
+        """Return whether a site of the registry can be reached."""
+        return self.sites[site].state if site in self.sites else SiteState.OFF
+
+    def open_rows(self) -> RowStore:
+        """Return the rows, for a reader of its own; once `run` runs."""
+        return RowStore(self.folder.rows)
+
+    @contextmanager
+    def listen(self, receive: Receive) -> Iterator[None]:
+        """Pass on every event for as long as the context lasts."""
+        self._receivers[receive] = None
+        try:
+            yield
+        finally:
+            del self._receivers[receive]
+
+    async def announce(self, site: str, word: str, text: str) -> None:
+        """Store and pass on an event of the hub itself about a site."""
+        event: dict[str, object] = {"event": "site", "state": word, "text": text}
+        self._pass_on(site, [await self._in_thread(lambda: self._store.add_event(site, event))])
+
+    @property
+    def _store(self) -> RowStore:
+        assert self._rows is not None  # noqa: S101  for mypy
+        return self._rows
+
+    async def _add_rows(self, site: str, rows: Sequence[RowMessage], position: Position) -> None:
+        self._pass_on(site, await self._in_thread(lambda: self._store.add_rows(site, rows, position)))
+
+    def _pass_on(self, site: str, events: Sequence[StoredEvent]) -> None:
+        for event in events:
+            for receive in self._receivers:
+                receive(event, site)
+
+    async def _in_thread(self, work: Callable[[], Result]) -> Result:
+        return await self._worker.submit(work)
+
+    def _follow(self, tasks: asyncio.TaskGroup, registry: Registry, positions: Mapping[str, Position]) -> None:
+        """Observe the sites of a registry that are not switched off, and no others."""
+        live = {site for site, entry in registry.sites.items() if entry.off is None}
+        for site in set(self.sites) - live:
+            self._tasks.pop(site).cancel()
+            del self.sites[site]
+        for site in sorted(live - set(self.sites)):
+            found = RemoteSite(site, self._connection, positions.get(site), self._add_rows, self.announce)
+            self.sites[site] = found
+            self._tasks[site] = tasks.create_task(found.run())
+        self.registry = registry
+
+    async def _follow_folder(self, tasks: asyncio.TaskGroup) -> None:
+        """Apply changes of the registry, which the command line and the API write."""
+        trouble = ""
+        while True:
+            await asyncio.sleep(CHECK_EVERY_S)
+            try:
+                registry = await self._in_thread(self.folder.registry)
+            except FolderUnusable as error:
+                if str(error) != trouble:
+                    _log.error("%s; the sites stay as they are", error)
+                trouble = str(error)
+                continue
+            trouble = ""
+            if registry != self.registry:
+                await self._apply(tasks, registry)
+
+    async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
+        before = self.registry.sites
+        closed = [site for site, entry in before.items() if _is_closed(registry, site, entry.nkey)]
+        positions = await self._in_thread(self._store.positions)
+        await self._server.reload(closed)
+        self._follow(tasks, registry, positions)
+        for site, entry in registry.sites.items():
+            if entry.switch is not None and (site not in before or before[site].switch != entry.switch):
+                word = SiteState.OFF.value if entry.switch.is_off else "on"
+                await self.announce(site, word, f"switched by {entry.switch.by} {entry.switch.reason}".rstrip())
+        _log.info("the sites have changed; there are %d now", len(registry.sites))
+
+
+def _is_closed(registry: Registry, site: str, nkey: str) -> bool:
+    """Whether a connection with this key is no longer allowed."""
+    entry = registry.sites.get(site)
+    return entry is None or entry.off is not None or entry.nkey != nkey

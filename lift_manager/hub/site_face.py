@@ -1,0 +1,183 @@
+"""The face of a running manager towards the hub: reports that it runs, shows its lifts, and takes commands if the site opts in.
+
+Everything goes over the site's own leaf node. Nothing here waits for the hub, and nothing else of the manager waits for this.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel, ValidationError
+
+from lift_manager.api.lifts import Lift
+from lift_manager.hub import subjects
+from lift_manager.hub.commands import Commands, Signers
+from lift_manager.hub.connection import Connection
+from lift_manager.hub.errors import SiteRefused
+from lift_manager.hub.messages import (
+    NEWS_EVERY_S,
+    CommandMessage,
+    LiftsRequest,
+    News,
+    ProblemMessage,
+    RemoteLift,
+    RemoteLifts,
+    Ticket,
+)
+from lift_manager.hub.outbox import Outbox
+from lift_manager.lift.state import Quality
+from lift_manager.plain.version import running_version
+from lift_manager.runtime.errors import RequestRefused
+from lift_manager.runtime.site import Site
+from lift_manager.web.error_codes import CODES
+
+if TYPE_CHECKING:
+    from nats.aio.msg import Msg
+
+NEWS_GAP_S = 0.1
+"""The shortest time between two reports, however many rows there are. Chosen: the hub reads them all at once."""
+
+RETRY_S = 2.0
+"""How long to wait after a failure."""
+
+_log = logging.getLogger(__name__)
+
+NO_COMMANDS = "this site takes no commands from the hub; its site file would have to say `hub: {commands: true}`"
+
+
+@dataclass(frozen=True, slots=True)
+class HubSettings:
+    """How a manager reaches its leaf node."""
+
+    site: str
+    """The id of the site at the hub."""
+    server: str
+    """The URL of the leaf node."""
+    password: str
+    """For the leaf node."""
+    commands: bool
+    """Whether the site takes commands from the hub."""
+    journal: Path
+    """The store of the site."""
+
+
+class SiteFace:
+    """Serves the hub as long as `run` runs."""
+
+    def __init__(self, settings: HubSettings, name: str, site: Site, signers: Signers | None) -> None:
+        """`name` is that of the site file. Without `signers` there are no commands: nobody could sign one."""
+        self._settings, self._name, self._site = settings, name, site
+        self._connection = Connection("hub", settings.server, "manager", settings.password)
+        self._outbox = Outbox(settings.site, settings.journal, self._connection)
+        self._commands = Commands(settings.site, site, signers) if settings.commands and signers is not None else None
+
+    async def run(self) -> None:
+        """Serve until cancelled. Without a leaf node the manager runs as it would without a hub."""
+        from nats.errors import Error  # noqa: PLC0415  loaded only where there is a hub
+
+        while True:
+            try:
+                await self._run_once()
+            except* (Error, OSError, TimeoutError) as group:
+                _log.warning("hub: %s; it is tried again", group.exceptions[0])
+            await asyncio.sleep(RETRY_S)
+
+    async def _run_once(self) -> None:
+        try:
+            await self._connection.open()
+            for kind, reply in (("lifts", self._lifts), ("ticket", self._ticket), ("command", self._command)):
+                await self._serve(kind, reply)
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._outbox.run())
+                tasks.create_task(self._report_news())
+        finally:
+            await self._connection.close()
+
+    async def _serve(self, kind: str, reply: Callable[[bytes], Awaitable[BaseModel]]) -> None:
+        """Reply to requests of a kind, one after the other."""
+
+        async def respond(message: Msg) -> None:
+            headers: dict[str, str] | None = _PROBLEM
+            try:
+                answer, headers = (await reply(message.data)).model_dump_json(), None
+            except RequestRefused as refused:
+                problem = ProblemMessage(
+                    code=refused.code, status=CODES[refused.code].status, message=refused.message[:4000]
+                )
+                answer = problem.model_dump_json()
+            except SiteRefused as refused:
+                answer = refused.problem.model_dump_json()
+            except ValidationError as error:
+                text = f"the request of the hub cannot be read: {error.errors(include_url=False, include_input=False)[0]['msg']}"
+                answer = ProblemMessage(code="malformed", status=422, message=text).model_dump_json()
+            except Exception as bug:  # noqa: BLE001  it is logged; nats-py would drop its traceback
+                _log.error("hub: a request of the hub failed (%s)", kind, exc_info=bug)
+                text = "a bug in the manager of the site; its log has the details"
+                answer = ProblemMessage(code="internal_error", status=500, message=text).model_dump_json()
+            await self._publish(message.reply, answer, headers)
+
+        await self._connection.client.subscribe(subjects.request(self._settings.site, kind), cb=respond)
+
+    async def _publish(self, subject: str, text: str, headers: dict[str, str] | None = None) -> None:
+        """Send something; where the leaf node is away it is lost: what is late is wrong."""
+        from nats.errors import Error  # noqa: PLC0415
+
+        with suppress(Error):
+            await self._connection.client.publish(subject, text.encode(), headers=headers)
+
+    async def _lifts(self, data: bytes) -> RemoteLifts:
+        request = LiftsRequest.model_validate_json(data)
+        names = self._site.lift_names() if request.lift is None else (request.lift,)
+        shown = []
+        for name in names:
+            state = self._site.state(name)
+            max_age_s = self._site.config(name).capabilities.max_age_s
+            shown.append(RemoteLift.of(Lift.of(state, max_age_s=max_age_s)))
+        return RemoteLifts(lifts=tuple(shown))
+
+    async def _ticket(self, data: bytes) -> Ticket:
+        return Ticket(ticket=self._require_commands().tickets.issue(_now()))
+
+    async def _command(self, data: bytes) -> BaseModel:
+        received_at = _now()
+        commands = self._require_commands()
+        return await commands.carry_out(CommandMessage.model_validate_json(data), received_at)
+
+    def _require_commands(self) -> Commands:
+        if self._commands is None:
+            raise SiteRefused(ProblemMessage(code="monitor_only", status=409, message=NO_COMMANDS))
+        return self._commands
+
+    async def _report_news(self) -> None:
+        """Report every NEWS_EVERY_S, and soon after there are new rows in the stream."""
+        while True:
+            self._outbox.changed.clear()
+            names = self._site.lift_names()
+            news = News(
+                name=self._name,
+                version=running_version()[:64],
+                lifts=len(names),
+                live=sum(self._site.state(name).quality is Quality.LIVE for name in names),
+                commands=self._commands is not None,
+                newest=self._outbox.newest,
+            )
+            if self._connection.is_up:
+                await self._publish(subjects.news(self._settings.site), news.model_dump_json())
+            await asyncio.sleep(NEWS_GAP_S)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(NEWS_EVERY_S - NEWS_GAP_S):
+                    await self._outbox.changed.wait()
+
+
+_PROBLEM = {"Lift-Manager": "problem"}
+"""Marks a reply that is a ProblemMessage."""
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,342 @@
+"""The web application of a hub: sites, their lifts, events of all sites, commands, health and metrics."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, FastAPI, Header, Query, Request
+from pydantic.json_schema import SkipJsonSchema
+from starlette.responses import JSONResponse, Response
+
+from lift_manager.api.keys import Key, Keys
+from lift_manager.api.logins import Logins
+from lift_manager.hub.api import (
+    ROUTES,
+    Off,
+    RemoteLiftAnswer,
+    RemoteLiftsAnswer,
+    RemoteSiteInfo,
+    SitesAnswer,
+    SwitchedAnswer,
+    SwitchOffRequest,
+    SwitchOnRequest,
+)
+from lift_manager.hub.errors import FolderUnusable, SiteRefused, SiteSilent
+from lift_manager.hub.feed import HubFeed
+from lift_manager.hub.messages import CommandMessage, CommandResult, SignedCommand, Ticket
+from lift_manager.hub.metrics import HubMetrics
+from lift_manager.hub.remote_site import RemoteSite, SiteState
+from lift_manager.hub.service import Hub
+from lift_manager.plain.version import running_version
+from lift_manager.runtime.refusals import FaceRefusal
+from lift_manager.web.app import LastResort, add_error_replies
+from lift_manager.web.authenticator import AllowedRequests, Authenticator, caller_key
+from lift_manager.web.body import quoted
+from lift_manager.web.error_codes import CODES
+from lift_manager.web.errors import RequestError
+from lift_manager.web.events.readers import OpenStreams
+from lift_manager.web.events.stream import EventStream
+from lift_manager.web.json_route import JsonRoute
+from lift_manager.web.limits import streams_limit
+from lift_manager.web.offline_docs import add_docs
+from lift_manager.web.openapi import describe_access, in_path, problems
+from lift_manager.web.origin import is_from_another_site, is_from_this_computer
+from lift_manager.web.query import require_once
+from lift_manager.web.replies import NO_STORE
+
+DESCRIPTION = """
+The lifts of many sites, for people and statistics. **Robots ride through the manager of their site**: nothing here invites one.
+
+A site runs as before without the hub. What it reports about its lifts is requested for each reply and never kept; the rows of its
+journal are kept, and arrive late after a site was cut off.
+"""
+
+router = APIRouter(prefix="/api/v1", route_class=JsonRoute, strict_content_type=False)
+
+SiteName = Annotated[str, in_path("The id of a site.", "berlin")]
+LiftName = Annotated[str, in_path("A lift of the site.", "goods")]
+Text = str | SkipJsonSchema[None]
+
+
+def make_hub_app(hub: Hub, keys: Keys, *, streams: int | None = None, host_names: Collection[str] = ()) -> FastAPI:
+    """Return the application that serves a hub. Keys and roles are as on a site; only the routes of `api.ROUTES` can be reached."""
+    app = FastAPI(
+        title="Lift manager hub",
+        version=running_version(),
+        description=DESCRIPTION,
+        docs_url=None,
+        redoc_url=None,
+        root_path_in_servers=False,
+        redirect_slashes=False,
+        separate_input_output_schemas=False,
+        telemetry={"tracing": False, "metrics": False, "logs": False},
+    )
+    add_error_replies(app)
+    app.state.hub, app.state.keys = hub, keys
+    app.state.places = OpenStreams(streams or streams_limit())
+    app.state.feed = HubFeed(hub, app.state.places)
+    app.state.metrics = HubMetrics(hub)
+    app.state.refusals = Counter[str]()
+
+    def count(refused: FaceRefusal) -> None:
+        app.state.refusals[refused.code] += 1
+
+    authenticator = Authenticator(ROUTES, Logins(keys), keys, count, host_names)
+    app.add_middleware(AllowedRequests, authenticator=authenticator)
+    app.add_middleware(LastResort)
+    add_docs(app)
+    app.router.routes.extend(router.routes)
+    for path, endpoint in (("/healthz", _healthz), ("/readyz", _readyz), ("/metrics", _metrics)):
+        app.add_api_route(path, endpoint, methods=["GET"], tags=["health"], response_class=Response)
+    describe_access(app, ROUTES, keys)
+    return app
+
+
+async def _healthz() -> Response:
+    """Whether the process and its loop are alive."""
+    return JSONResponse({"status": "ok"}, 200, NO_STORE)
+
+
+async def _readyz(request: Request) -> Response:
+    """Whether sites can be reached: the hub is connected to its NATS server."""
+    hub = _hub_of(request)
+    states = Counter(hub.state(site) for site in hub.registry.sites)
+    body = {"ready": hub.is_up, "sites": len(hub.registry.sites), "online": states[SiteState.ONLINE]}
+    return JSONResponse(body, 200 if hub.is_up else 503, NO_STORE)
+
+
+async def _metrics(request: Request) -> Response:
+    """The measurements of all sites for Prometheus, from memory."""
+    body, content_type = request.app.state.metrics.scrape(request.headers.get("accept", ""))
+    return Response(body, headers={"content-type": content_type, **NO_STORE})
+
+
+def _hub_of(request: Request) -> Hub:
+    hub: Hub = request.app.state.hub
+    return hub
+
+
+async def _remote(site: SiteName, request: Request) -> RemoteSite:
+    """Return a site that can be reached, as far as is known."""
+    hub = _hub_of(request)
+    _require_site(hub, site)
+    if site not in hub.sites:
+        raise RequestError("site_silent", f"{site} is switched off; `GET /api/v1/sites/{site}` has by whom and why")
+    return hub.sites[site]
+
+
+Remote = Annotated[RemoteSite, Depends(_remote)]
+
+
+async def _change(request: Request) -> None:
+    """Refuse a request that changes something from a web page of another site; a dependency."""
+    if is_from_another_site(request):
+        raise RequestError("another_site", "a web page of another site sent the request; only programs may")
+
+
+async def _person(request: Request) -> None:
+    """Refuse an operator action without a key from another computer; a dependency."""
+    if caller_key(request) is None and not is_from_this_computer(request):
+        text = "this hub has no keys to identify people, so only a program on its own computer may send this; make keys with `lift-manager hub keys make`"
+        raise RequestError("other_computer", text)
+
+
+def _require_site(hub: Hub, site: str) -> None:
+    if site not in hub.registry.sites:
+        raise RequestError("unknown_site", f"no site {quoted(site)}")
+
+
+@router.get("/sites", summary="Every site", tags=["sites"], responses=problems("malformed"))
+async def sites(
+    request: Request,
+    state: Annotated[
+        SiteState | SkipJsonSchema[None], Query(description="Only those in this state, such as `offline`.")
+    ] = None,
+) -> SitesAnswer:
+    """From memory: no site is contacted. `?state=offline` lists those that are cut off or stopped."""
+    hub = _hub_of(request)
+    found = (_info(hub, site) for site in sorted(hub.registry.sites))
+    return SitesAnswer(sites=tuple(info for info in found if state in (None, info.state)))
+
+
+@router.get("/sites/{site}", summary="One site", tags=["sites"], responses=problems("unknown_site"))
+async def one_site(site: SiteName, request: Request) -> RemoteSiteInfo:
+    """From memory."""
+    hub = _hub_of(request)
+    _require_site(hub, site)
+    return _info(hub, site)
+
+
+@router.post(
+    "/sites/{site}/off",
+    summary="Switch a site off",
+    tags=["sites"],
+    dependencies=[Depends(_change), Depends(_person)],
+    responses=problems("unknown_site", "not_now", "another_site", "too_long", "malformed"),
+)
+async def off(site: SiteName, request: Request, body: SwitchOffRequest) -> SwitchedAnswer:
+    """Its leaf node is disconnected and refused within a second or two, over restarts of the hub. The site itself runs as before."""
+    hub = _hub_of(request)
+    _require_site(hub, site)
+    return _switch(hub, site, lambda: hub.folder.switch_off(site, _signature(request, body.by), body.reason))
+
+
+@router.post(
+    "/sites/{site}/on",
+    summary="Switch a site on",
+    tags=["sites"],
+    dependencies=[Depends(_change), Depends(_person)],
+    responses=problems("unknown_site", "not_now", "another_site", "too_long", "malformed"),
+)
+async def on(site: SiteName, request: Request, body: SwitchOnRequest) -> SwitchedAnswer:
+    """Its leaf node is accepted again; it connects within seconds by itself."""
+    hub = _hub_of(request)
+    _require_site(hub, site)
+    return _switch(hub, site, lambda: hub.folder.switch_on(site, _signature(request, body.by)))
+
+
+@router.get(
+    "/sites/{site}/lifts",
+    summary="The lifts of a site",
+    tags=["lifts"],
+    responses=problems("unknown_site", "site_silent", "bad_reply"),
+)
+async def lifts(site: Remote) -> RemoteLiftsAnswer:
+    """Requested from the site for this reply. A lift whose reading may be older than its `max_age_s` on arrival is `offline`."""
+    with _site_errors():
+        reply = await site.lifts(None)
+    return RemoteLiftsAnswer(site=site.id, round_trip_s=reply.round_trip_s, lifts=reply.lifts.lifts)
+
+
+@router.get(
+    "/sites/{site}/lifts/{lift}",
+    summary="One lift of a site",
+    tags=["lifts"],
+    responses=problems("unknown_site", "unknown_lift", "site_silent", "bad_reply"),
+)
+async def one_lift(lift: LiftName, site: Remote) -> RemoteLiftAnswer:
+    """Requested from the site for this reply."""
+    with _site_errors():
+        reply = await site.lifts(lift)
+    if [found.name for found in reply.lifts.lifts] != [lift]:
+        raise RequestError("bad_reply", f"{site.id} replied with another lift than the one that was requested")
+    return RemoteLiftAnswer(site=site.id, round_trip_s=reply.round_trip_s, lift=reply.lifts.lifts[0])
+
+
+@router.post(
+    "/sites/{site}/tickets",
+    summary="A ticket for one command",
+    tags=["commands"],
+    dependencies=[Depends(_change)],
+    responses=problems("unknown_site", "site_silent", "monitor_only", "another_site", "bad_reply"),
+)
+async def tickets(site: Remote) -> Ticket:
+    """Issued by the site, and good for one command within 2 s on its clock: so a command that was held up on its way does nothing."""
+    with _site_errors():
+        return await site.ticket()
+
+
+@router.post(
+    "/sites/{site}/lifts/{lift}/commands",
+    summary="Command a lift",
+    tags=["commands"],
+    dependencies=[Depends(_change)],
+    responses=problems(
+        *("unknown_site", "unknown_lift", "site_silent", "unconfirmed", "ticket_over", "bad_key", "not_allowed"),
+        *("monitor_only", "another_site", "too_long", "malformed", "bad_reply"),
+    ),
+)
+async def command(lift: LiftName, site: Remote, body: SignedCommand) -> CommandResult:
+    """Passed on to the site, which checks ticket, signature, key and lift, and then does what its own `/api/v1` would.
+
+    Only sites take part that opted in. Acknowledging, ending a lockout and forced releases are for people at the site.
+    """
+    with _site_errors(is_command=True):
+        return await site.command(CommandMessage(lift=lift, command=body))
+
+
+@router.get(
+    "/events",
+    summary="The events of all sites",
+    tags=["events"],
+    response_class=Response,
+    responses=problems("unknown_site", "malformed", "too_many_streams"),
+)
+async def events(
+    request: Request,
+    site: Annotated[Text, Query(description="Only those of this site.", json_schema_extra={"maxLength": 32})] = None,
+    after: Annotated[
+        Text,
+        Query(alias="last_event_id", description="Continue after this event; 0 for all that are kept."),
+    ] = None,
+    last_event_id: Annotated[
+        Text, Header(alias="Last-Event-ID", description="The newest event that was received.")
+    ] = None,
+) -> Response:
+    """Server-sent events: `row` of a journal, `gap` in one, `site` for what the hub notices; `lost` for a reader that was too slow."""
+    require_once(request, "site", "last_event_id")
+    if site is not None:
+        _require_site(_hub_of(request), site)
+    given = last_event_id or after
+    if given and not (given.isascii() and given.isdigit() and len(given) <= 18):
+        raise RequestError("malformed", "last_event_id must be the id of an event: a number", field="last_event_id")
+    key, keys = caller_key(request), request.app.state.keys
+    feed: HubFeed = request.app.state.feed
+    open_reader = partial(feed.reader, site, int(given) if given else None, _admits(keys, key))
+    return EventStream(request.app.state.places, open_reader, key)
+
+
+def _admits(keys: Keys, key: Key | None) -> Callable[[], bool]:
+    return partial(keys.admits, key)
+
+
+def _info(hub: Hub, site: str) -> RemoteSiteInfo:
+    entry, remote = hub.registry.sites[site], hub.sites.get(site)
+    news = None if remote is None else remote.news
+    return RemoteSiteInfo(
+        id=site,
+        name="" if news is None else news.name,
+        state=hub.state(site),
+        news_age_s=None if remote is None else remote.news_age_s,
+        version="" if news is None else news.version,
+        lifts=0 if news is None else news.lifts,
+        live=0 if news is None else news.live,
+        commands=news is not None and news.commands,
+        rows_behind=None if remote is None else remote.rows_behind,
+        off=None if entry.off is None else Off.model_validate(entry.off),
+    )
+
+
+def _switch(hub: Hub, site: str, switch: Callable[[], None]) -> SwitchedAnswer:
+    try:
+        switch()
+        entry = hub.folder.registry().sites[site]
+    except FolderUnusable as error:
+        raise RequestError("not_now", str(error)) from error
+    return SwitchedAnswer(site=site, off=None if entry.off is None else Off.model_validate(entry.off))
+
+
+def _signature(request: Request, by: str) -> str:
+    """Return the person for the record, with the key that vouches for the name."""
+    key = caller_key(request)
+    return by if key is None else f"{by} (key {key.name})"
+
+
+@contextmanager
+def _site_errors(*, is_command: bool = False) -> Iterator[None]:
+    """Convert what a site does not reply, or refuses."""
+    try:
+        yield
+    except SiteSilent as error:
+        if is_command and error.was_sent:
+            raise RequestError("unconfirmed", f"{error}; whether the command was carried out is unknown") from error
+        raise RequestError("site_silent", str(error)) from error
+    except SiteRefused as error:
+        # a site may send anything: only what has a meaning here is passed on
+        if (code := error.problem.code) not in CODES:
+            raise RequestError("bad_reply", f"the site refused, with an unknown code: {error}") from error
+        raise RequestError(code, str(error)) from error
