@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from socket import socket
-from typing import Annotated
+from typing import Annotated, Any
 
+import httpx
 import typer
 
 from lift_manager.api.keys import Key
 from lift_manager.api.roles import OF_SOME_LIFTS, Role
 from lift_manager.app import renew_certificates
 from lift_manager.cli.common import fail, out, print_lines, print_stderr
+from lift_manager.cli.key_file import key_of
 from lift_manager.cli.keys import check_name, current_user, keep_to_owner, key_line
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
+from lift_manager.cli.tls_options import Ca, tls_context
 from lift_manager.hub.connection import require_nats
 from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing
 from lift_manager.hub.folder import HttpSettings, HubFolder
 from lift_manager.hub.nats_server import NatsServerMissing
 from lift_manager.hub.service import Hub
+from lift_manager.hub.signing import sign, signed_text
 from lift_manager.hub.web import make_hub_app
 from lift_manager.plain.signals import stop_on_signals
 from lift_manager.plain.text import counted
@@ -224,6 +229,55 @@ def revoke(
     with _reporting():
         revoke_key(_open(folder).keys, KEYS_OF, name, by=current_user(), at=datetime.now(UTC))
     print_lines([f"{name}: revoked; a running hub refuses it within a second"])
+
+
+@app.command("send")
+def send(
+    site: SiteName,
+    lift: Annotated[str, typer.Argument(metavar="LIFT", help="The lift of the site.")],
+    action: Annotated[
+        str, typer.Argument(metavar="ACTION", help="The action as JSON; docs/reference/hub.md has all of them.")
+    ],
+    *,
+    key_file: Annotated[
+        Path, typer.Option("--key-file", metavar="FILE", help="A key of the site, which signs the action.")
+    ],
+    hub_key_file: Annotated[
+        Path | None, typer.Option("--hub-key-file", metavar="FILE", help="A key of the hub, if it has keys.")
+    ] = None,
+    address: Annotated[
+        str, typer.Option("--hub", metavar="URL", help="Where the hub listens.")
+    ] = "http://127.0.0.1:5080",
+    ca: Ca = None,
+) -> None:
+    """Send one signed action to a lift of a site, and print the reply.
+
+    Send it again with the same idempotency key to learn what became of it.
+
+    Example: lift-manager hub send berlin goods '{"what": "open", "body": {"idempotency_key": "a1"}}' --key-file site.key
+    """
+    site_key, hub_key = key_of(key_file), key_of(hub_key_file) if hub_key_file else None
+    if site_key is None:
+        raise fail(f"{key_file} holds no key")
+    headers = {} if hub_key is None else {"Authorization": f"Bearer {hub_key.reveal()}"}
+    tls = tls_context(ca, None, None)
+    try:
+        with httpx.Client(base_url=f"{address}/api/v1/sites/{site}", headers=headers, verify=tls) as client:
+            ticket = _reply(client.post("/tickets"))["ticket"]
+            key_id, signature = sign(site_key, signed_text(site, lift, ticket, action))
+            body = {"ticket": ticket, "key_id": key_id, "signature": signature, "action": action}
+            reply = _reply(client.post(f"/lifts/{lift}/commands", json=body))
+    except httpx.HTTPError as error:
+        raise fail(f"no hub answers at {address} ({error}); name it with --hub URL") from error
+    print_lines([json.dumps({name: value for name, value in reply.items() if value is not None}, indent=2)])
+
+
+def _reply(response: httpx.Response) -> Any:
+    """Return the JSON of a reply, or print why there is none and exit with 1."""
+    found = response.json()
+    if response.status_code != 200:
+        raise fail(f"{found['detail']} ({found['code']})" if "code" in found else str(found))
+    return found
 
 
 def _open(folder: Path) -> HubFolder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from contextlib import suppress
 from importlib import import_module
@@ -26,6 +27,13 @@ def require_nats() -> None:
         import_module("nats.aio.client")
     except ImportError as error:
         raise NatsMissing(error) from error
+
+
+def raise_if_cancelled() -> None:
+    """Raise CancelledError if this task is to end: nats-py (2.16) turns that into an error of its own once its connection is closed."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
 
 
 class Connection:

@@ -35,8 +35,7 @@ class NatsServerMissing(HubError):
 
 def find_program(name: str) -> str:
     """Return the path of the server: on the PATH, or beside the Python that runs this. Raises NatsServerMissing."""
-    beside = Path(sys.executable).with_name(name)
-    found = shutil.which(name) or (str(beside) if beside.is_file() else None)
+    found = shutil.which(name) or shutil.which(Path(sys.executable).parent / name)
     if found is None:
         text = (
             f"the hub runs a NATS server (2.11 or newer), and there is no program {name}: get it from nats.io or with"

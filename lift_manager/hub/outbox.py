@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from drivers.thread import Worker
 from lift_manager.hub import subjects
-from lift_manager.hub.connection import Connection
+from lift_manager.hub.connection import Connection, raise_if_cancelled
 from lift_manager.hub.messages import Position, RowMessage
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import JournalUnreadable
@@ -107,7 +107,8 @@ class JournalReader:
         if published is None:
             last = reader.last() or 0
             rows = reader.rows(after=last - BACKLOG)
-        elif reader.row(published.row.seq) == published.row:
+        elif reader.row(published.row.seq) == published.row or (reader.first() or 0) > published.row.seq:
+            # the row is there, or was removed because it was old
             journal, rows = published.journal, reader.rows(after=published.row.seq)
         else:
             # a backup was restored, or the journal was made again: its rows have numbers that others had before
@@ -146,6 +147,7 @@ class Outbox:
                 try:
                     await self._publish_all(self._connection.client.jetstream())
                 except (Error, TimeoutError, JournalUnreadable, OSError) as error:
+                    raise_if_cancelled()
                     self._report(str(error) or type(error).__name__)
                     self.newest = None
                 await asyncio.sleep(RETRY_S)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from lift_manager.hub import subjects
-from lift_manager.hub.connection import Connection
+from lift_manager.hub.connection import Connection, raise_if_cancelled
 from lift_manager.hub.errors import SiteRefused, SiteSilent
 from lift_manager.hub.messages import (
     NEWS_EVERY_S,
@@ -160,6 +160,7 @@ class RemoteSite:
         except OutboundBufferLimitError as error:
             raise SiteSilent("the hub has no connection to its NATS server", was_sent=False) from error
         except (Error, TimeoutError) as error:
+            raise_if_cancelled()
             raise SiteSilent(f"{self.id} did not reply within {within_s:g} s", was_sent=True) from error
         try:
             if reply.headers and reply.headers.get("Lift-Manager") == "problem":
@@ -228,6 +229,7 @@ class RemoteSite:
                 while await self._read_batch():  # noqa: ASYNC110  it waits for the site
                     await asyncio.sleep(BATCH_GAP_S)
             except (Error, TimeoutError) as error:
+                raise_if_cancelled()
                 _log.debug("%s: rows cannot be read: %s", self.id, error)  # the next news is the next attempt
                 await asyncio.sleep(1.0)
             await asyncio.sleep(BATCH_GAP_S)

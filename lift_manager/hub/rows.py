@@ -44,7 +44,9 @@ class StoredEvent(NamedTuple):
 class RowStore:
     """An open database. Not for several threads at once."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, kept: int = KEPT_PER_SITE, max_bytes: int = BYTES_PER_SITE) -> None:
+        """`kept` and `max_bytes` limit the events of each site."""
+        self._kept, self._max_bytes = kept, max_bytes
         self._connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         self._connection.execute("PRAGMA journal_mode = WAL").fetchone()
         self._connection.execute("PRAGMA synchronous = NORMAL")
@@ -126,10 +128,10 @@ class RowStore:
     def _prune(self, site: str) -> None:
         """Remove the oldest events of a site that has too many: a tenth more than needed, so that this happens rarely."""
         count = self._read_number("SELECT count(*) FROM events WHERE site = ?", site)
-        too_long = self._size(site) > BYTES_PER_SITE
-        if count <= KEPT_PER_SITE and not too_long:
+        too_long = self._size(site) > self._max_bytes
+        if count <= self._kept and not too_long:
             return
-        kept = min(KEPT_PER_SITE * 9 // 10, count // 2 if too_long else count)
+        kept = min(self._kept * 9 // 10, count // 2 if too_long else count)
         query = "DELETE FROM events WHERE site = ? AND id <= (SELECT id FROM events WHERE site = ? ORDER BY id DESC LIMIT 1 OFFSET ?)"
         self._connection.execute(query, (site, site, kept))
         del self._bytes[site]

@@ -1,0 +1,162 @@
+"""Commands from the hub: fresh, signed with a key of the site, of a closed list, and never begun twice."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
+from lift_manager.api.roles import Role
+from lift_manager.hub.commands import Commands
+from lift_manager.hub.errors import SiteRefused
+from lift_manager.hub.messages import TICKET_S, CommandMessage, SignedCommand
+from lift_manager.hub.signing import sign, signed_text
+from lift_manager.lift.commands import CommandType
+from lift_manager.lift.refusals import Refusal, Refused
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.errors import RequestRefused
+from tests.lift_manager.web.fake import FakeSite
+from tests.lift_manager.web.fake_sessions import a_session
+
+SECRET = "5" * 64
+ROBOT, VIEWER, OPERATOR = (token(f"{number:08x}", SECRET) for number in range(3))
+RING = KeyRing(
+    [
+        (Key("00000000", "amr", Role.ROBOT, ("lift",)), digest_of(SECRET)),
+        (Key("00000001", "board", Role.VIEWER), digest_of(SECRET)),
+        (Key("00000002", "desk", Role.OPERATOR), digest_of(SECRET)),
+    ]
+)
+OPEN = {"what": "open", "body": {"robot": "r1", "ttl_s": 60.0, "idempotency_key": "a"}}
+OWN = a_session(Holder("hub", "amr/r1"))
+GO = {"what": "command", "session": OWN.id, "body": {"do": "go_to", "floor": "L2", "idempotency_key": "b"}}
+
+Change = Callable[[dict[str, Any]], None]
+
+
+class Caller:
+    """Sends commands to a site as they arrive from a hub, on a clock turned by hand."""
+
+    def __init__(self, site: FakeSite | None = None) -> None:
+        self.site = site or FakeSite()
+        self.site.there(OWN)
+        self.commands = Commands("berlin", self.site, RING)
+
+    def send(
+        self,
+        action: object,
+        *,
+        key: Secret = ROBOT,
+        lift: str = "lift",
+        late_s: float = 0.0,
+        change: Change = lambda _: None,
+    ) -> Any:
+        """Sign a command with a new ticket, change what was signed, and let it arrive so much later."""
+        ticket, text = self.commands.tickets.issue(0.0), json.dumps(action)
+        key_id, signature = sign(key, signed_text("berlin", lift, ticket, text))
+        sent = {"ticket": ticket, "key_id": key_id, "signature": signature, "action": text, "lift": lift}
+        change(sent)
+        return self.deliver(sent, late_s)
+
+    def deliver(self, sent: dict[str, Any], at: float = 0.0) -> Any:
+        command = SignedCommand(**{name: value for name, value in sent.items() if name != "lift"})
+        message = CommandMessage(lift=sent["lift"], command=command)
+        return asyncio.run(self.commands.carry_out(message, at))
+
+    def refused(self, action: object, **how: Any) -> str:
+        """Send a command that is refused, and return the code; nothing was done."""
+        with pytest.raises(SiteRefused) as found:
+            self.send(action, **how)
+        assert self.site.changes == []
+        return found.value.problem.code
+
+
+def test_a_session_is_opened_in_the_name_of_the_key_and_robot_that_signed() -> None:
+    caller = Caller()
+    assert caller.send(OPEN).session.holder == "hub:amr/r1"
+    assert caller.site.done == [("open", "lift", Holder("hub", "amr/r1"), "a", 60.0)]
+
+
+def test_the_same_idempotency_key_begins_nothing_twice() -> None:
+    caller = Caller()
+    assert caller.send(OPEN).session.id == caller.send(OPEN).session.id
+
+
+def test_a_command_is_that_of_the_session() -> None:
+    caller = Caller()
+    assert caller.send(GO).command.do is CommandType.GO_TO
+
+
+@pytest.mark.parametrize("late_s", [TICKET_S, TICKET_S + 60])
+def test_what_arrives_later_than_its_ticket_allows_does_nothing(late_s: float) -> None:
+    assert Caller().refused(GO, late_s=late_s) == "ticket_over"
+
+
+def test_what_arrives_twice_is_carried_out_once() -> None:
+    caller = Caller()
+    sent: list[dict[str, Any]] = []
+    caller.send(OPEN, change=sent.append)
+    with pytest.raises(SiteRefused) as found:
+        caller.deliver(sent[0])
+    assert found.value.problem.code == "ticket_over"
+    assert len(caller.site.done) == 1
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"lift": "goods"},
+        {"action": json.dumps({**GO, "session": "another"})},
+        {"ticket": "that-of-another"},
+        {"key_id": "00000002"[:-1] + "9"},
+        {"signature": "A" * 43},
+    ],
+    ids=lambda changed: next(iter(changed)),
+)
+def test_a_hub_that_changes_anything_of_it_is_found_out(changed: dict[str, str]) -> None:
+    assert Caller().refused(GO, change=lambda sent: sent.update(changed)) == "bad_key"
+
+
+def test_a_command_for_another_site_counts_for_nothing_here() -> None:
+    def for_another(sent: dict[str, Any]) -> None:
+        sent["signature"] = sign(ROBOT, signed_text("rome", sent["lift"], sent["ticket"], sent["action"]))[1]
+
+    assert Caller().refused(GO, change=for_another) == "bad_key"
+
+
+def test_a_key_may_do_what_it_may_do_at_the_site() -> None:
+    assert Caller().refused(OPEN, key=VIEWER) == "not_allowed"
+    assert Caller().refused(OPEN, lift="goods") == "not_allowed"
+    assert Caller().send(OPEN, lift="goods", key=OPERATOR).session.lift == "goods"
+
+
+def test_a_session_of_another_key_or_face_does_not_exist_here() -> None:
+    caller = Caller()
+    caller.site.there(a_session(Holder("api", "amr/r1"), "s7"))
+    for session, key in ((OWN.id, OPERATOR), ("s7", ROBOT), ("none", ROBOT)):
+        assert caller.refused({**GO, "session": session}, key=key) == "no_such_session"
+
+
+@pytest.mark.parametrize("what", ["acknowledge", "lockout", "lockout_end", "drain", "release", "hand_over", ""])
+def test_what_people_decide_at_the_lift_does_not_exist_here(what: str) -> None:
+    assert Caller().refused({"what": what, "by": "M. Weber", "reason": "none"}, key=OPERATOR) == "malformed"
+
+
+@pytest.mark.parametrize("action", [{"what": "open", "body": {}}, {**GO, "body": {"do": "go_to", "floor": "L2"}}])
+def test_what_begins_something_needs_an_idempotency_key(action: object) -> None:
+    assert Caller().refused(action) == "malformed"
+
+
+def test_the_rules_of_the_lift_refuse_as_for_every_caller() -> None:
+    caller = Caller(FakeSite(refuses=Refused(Refusal.FIRE_LATCHED, "there was a fire")))
+    with pytest.raises(RequestRefused, match="there was a fire"):
+        caller.send(OPEN)
+
+
+def test_refusals_are_written_down_with_the_name_of_the_key() -> None:
+    caller = Caller()
+    caller.refused(OPEN, key=VIEWER)
+    (away,) = caller.site.away
+    assert (away.code, away.lift, away.caller) == ("not_allowed", "lift", "hub:board")

@@ -1,0 +1,133 @@
+"""A hub and sites over real NATS servers: live state, the journal across outages, and the off switch."""
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lift_manager.hub.remote_site import SiteState
+from lift_manager.lift.state import Quality
+from tests.lift_manager.hub.rig import Journal, Rig
+from tests.lift_manager.web.fake import FakeSite
+from tests.lift_manager.web.fake_lifts import IDLE
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    rig = Rig(tmp_path / "hub")
+    rig.add("berlin")
+    return rig
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[Journal]:
+    journal = Journal(tmp_path / "berlin.db")
+    yield journal
+    journal.end()
+
+
+def rows(*texts: str, first: int = 1) -> list[tuple[str, tuple[int, str]]]:
+    return [("row", (number, text)) for number, text in enumerate(texts, start=first)]
+
+
+def test_state_is_requested_from_the_site_for_each_reply_and_guides_no_robot(rig: Rig, journal: Journal) -> None:
+    async def main() -> None:
+        lifts = FakeSite()
+        async with rig.hub() as hub:
+            with rig.leaf("berlin"):
+                async with rig.manager("berlin", lifts, journal):
+                    reply = await hub.until_reached("berlin")
+                    assert reply["site"] == "berlin"
+                    assert 0 <= reply["round_trip_s"] < 2
+                    assert [lift["name"] for lift in reply["lifts"]] == ["lift", "goods"]
+                    assert not {"robot_door", "permissions", "releases_in_s"} & set(reply["lifts"][0])
+                    lifts.lifts["goods"] = replace(IDLE, lift="goods", quality=Quality.OFFLINE, reason="unplugged")
+                    one = (await hub.get("/sites/berlin/lifts/goods")).json()
+                    assert one["lift"]["reason"] == "unplugged"
+                    missing = await hub.get("/sites/berlin/lifts/none")
+                    assert (missing.status_code, missing.json()["code"]) == (404, "unknown_lift")
+                    await hub.until_state("berlin", SiteState.ONLINE)
+                    (site,) = (await hub.get("/sites?state=online")).json()["sites"]
+                    assert (site["name"], site["lifts"], site["live"], site["commands"]) == ("The berlin", 2, 1, False)
+                silent = await hub.get("/sites/berlin/lifts")
+                assert (silent.status_code, silent.json()["code"]) == (503, "site_silent")
+                await hub.until_state("berlin", SiteState.OFFLINE)
+                assert [one["id"] for one in (await hub.get("/sites?state=offline")).json()["sites"]] == ["berlin"]
+            unknown = await hub.get("/sites/rome/lifts")
+            assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_site")
+
+    asyncio.run(main())
+
+
+def test_every_row_arrives_once_and_in_order_whatever_was_away(rig: Rig, journal: Journal) -> None:
+    async def main() -> None:
+        journal.write("a", "b")
+        async with rig.manager("berlin", FakeSite(), journal):
+            with rig.leaf("berlin"):
+                async with rig.hub() as hub:
+                    assert await hub.until_row("berlin", "b") == rows("a", "b")
+                journal.write("while the hub was away")
+                async with rig.hub() as hub:
+                    await hub.until_row("berlin", "while the hub was away")
+            journal.write("while the leaf node was away")
+            async with rig.hub() as hub:
+                with rig.leaf("berlin"):
+                    await hub.until_row("berlin", "while the leaf node was away")
+                rig.lose_stream("berlin")
+                journal.write("after the stream was lost")
+                with rig.leaf("berlin"):
+                    found = await hub.until_row("berlin", "after the stream was lost")
+        texts = ("a", "b", "while the hub was away", "while the leaf node was away", "after the stream was lost")
+        assert found == rows(*texts)
+
+    asyncio.run(main())
+
+
+def test_rows_that_were_removed_before_they_could_be_published_are_a_gap(rig: Rig, journal: Journal) -> None:
+    async def main() -> None:
+        with rig.leaf("berlin"):
+            async with rig.hub() as hub:
+                journal.write("a")
+                async with rig.manager("berlin", FakeSite(), journal):
+                    await hub.until_row("berlin", "a")
+                journal.write("b", "c", "d")
+                journal.cut_through(3)
+                async with rig.manager("berlin", FakeSite(), journal):
+                    found = await hub.until_row("berlin", "d")
+        assert found[:3] == [*rows("a"), ("gap", (2, 3)), *rows("d", first=4)]
+
+    asyncio.run(main())
+
+
+def test_a_site_that_is_switched_off_is_refused_and_the_others_go_on(
+    rig: Rig, journal: Journal, tmp_path: Path
+) -> None:
+    async def main() -> None:
+        second = Journal(tmp_path / "rome.db")
+        async with rig.hub() as hub, rig.manager("berlin", FakeSite(), journal):
+            with rig.leaf("berlin"):
+                await hub.until_reached("berlin")
+                rig.add("rome")
+                with rig.leaf("rome"):
+                    async with rig.manager("rome", FakeSite({"only": replace(IDLE, lift="only")}), second):
+                        assert [lift["name"] for lift in (await hub.until_reached("rome"))["lifts"]] == ["only"]
+                        assert (await hub.get("/sites/berlin/lifts")).status_code == 200
+                        body = {"by": "M. Weber", "reason": "its key was copied"}
+                        assert (await hub.post("/sites/berlin/off", body)).status_code == 200
+                        assert (await hub.post("/sites/berlin/off", body)).json()["code"] == "not_now"
+                        await hub.until_state("berlin", SiteState.OFF)
+                        silent = await hub.get("/sites/berlin/lifts")
+                        assert (silent.status_code, silent.json()["code"]) == (503, "site_silent")
+                        assert (await hub.get("/sites/berlin")).json()["off"]["reason"] == body["reason"]
+                        log = rig.files("berlin") / "log"
+                        while "Authorization Violation" not in log.read_text():
+                            assert (await hub.get("/sites/rome/lifts")).status_code == 200
+                        journal.write("while it was off")
+                        assert (await hub.post("/sites/berlin/on", {"by": "M. Weber"})).status_code == 200
+                        await hub.until_reached("berlin")
+                        await hub.until_row("berlin", "while it was off")
+        second.end()
+
+    asyncio.run(main())
