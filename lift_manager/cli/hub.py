@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +27,7 @@ from lift_manager.cli.loop import run
 from lift_manager.cli.tls_options import Ca, tls_context
 from lift_manager.hub.connection import require_nats
 from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing
-from lift_manager.hub.folder import HttpSettings, HubFolder
+from lift_manager.hub.folder import HttpSettings, HubFolder, HubSettings
 from lift_manager.hub.nats_server import NatsServerMissing
 from lift_manager.hub.service import Hub
 from lift_manager.hub.signing import sign, signed_text
@@ -57,6 +58,8 @@ SiteName = Annotated[str, typer.Argument(metavar="ID", help="The id of the site:
 By = Annotated[str, typer.Option("--by", metavar="NAME", help="Who does it; for the record.")]
 DEFAULT = Path("hub")
 
+_log = logging.getLogger("lift_manager")
+
 
 @app.callback(invoke_without_command=True)
 def hub(
@@ -82,6 +85,8 @@ def hub(
         require_nats()
         place = _open(folder)
         settings = place.settings().http
+        for caution in _cautions(place.settings()):
+            _log.warning("%s", caution)
         try:
             sock = listen(settings.host, settings.port)
         except ListenError as error:
@@ -300,6 +305,14 @@ def _reporting() -> Iterator[None]:
         raise typer.Exit(2) from error
     except (HubError, KeysUnusable) as error:
         raise fail(str(error)) from error
+
+
+def _cautions(settings: HubSettings) -> Iterator[str]:
+    """Yield what people should know at every start, a line each."""
+    if settings.nats.tls is None and not is_loopback(settings.nats.leaf_host):
+        yield f"leaf nodes connect to {settings.nats.leaf_host} without TLS: others on the way can read and change what sites send; add `nats: {{tls: ...}}`"
+    if settings.http.tls is None and not is_loopback(settings.http.host):
+        yield f"the API listens on {settings.http.host} without TLS: keys cross the network as they are; add `http: {{tls: ...}}`"
 
 
 def _key_file(folder: HubFolder, settings: HttpSettings, sock: socket) -> KeyFile:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 RECONNECT_S = 1.0
 """How long to wait between two attempts. Chosen: a server restarts in less."""
+OLDEST_SERVER = (2, 11)
+"""The first NATS server that returns several messages to one direct get."""
 PING_S = 5
 """How often the connection is tested: one that is dead is given up after two of them."""
 
@@ -79,6 +81,14 @@ class Connection:
             pending_size=0,
         )
         await self._on_connected()
+
+    def warn_of_old_server(self) -> None:
+        """Warn of a server from which the hub cannot read rows."""
+        version = self.client.connected_server_version
+        if (version.major, version.minor) < OLDEST_SERVER:
+            oldest = ".".join(map(str, OLDEST_SERVER))
+            text = "%s: the NATS server at %s is version %s.%s, and rows can be read from %s on: install a newer one"
+            _log.warning(text, self._owner, self._server, version.major, version.minor, oldest)
 
     async def close(self) -> None:
         """Close it, without waiting for what is under way."""

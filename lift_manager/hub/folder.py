@@ -2,7 +2,8 @@
 
 hub.yaml         settings, written by hand; optional
 sites.json       the sites and their public keys, and the password of the hub at its own NATS server
-nats.conf        for that server; written by the program
+nats.conf        for that server; written by the program; beside it nats.log and nats.pid
+hub.lock         held by the hub that runs with this folder
 hub.keys.json    the keys of the hub's callers
 hub.db           rows of all journals, as far as they were read
 sites/ID/        what a site needs: to be carried there, and removed here
@@ -10,7 +11,9 @@ sites/ID/        what a site needs: to be carried there, and removed here
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import re
 import secrets
 import shutil
@@ -22,7 +25,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from drivers.own_files import is_shared, read_own, replace_file
+from drivers.own_files import is_shared, open_own, read_own, replace_file
 from lift_manager.config.site import HUB_SITE_ID, Host, Port
 from lift_manager.hub import subjects
 from lift_manager.hub.errors import FolderUnusable
@@ -128,6 +131,19 @@ class HubFolder:
         self.rows = path / "hub.db"
         self.nats_conf = path / "nats.conf"
         self.registry_file = path / "sites.json"
+
+    def claim(self) -> int:
+        """Lock the folder against another hub until the returned descriptor is closed, or this process ends."""
+        try:
+            lock = open_own(self.path / "hub.lock")
+        except OSError as error:
+            raise FolderUnusable(f"{self.path} cannot be written ({error.strerror or error})") from error
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(lock)
+            raise FolderUnusable(f"another hub runs with {self.path}; stop that one first") from error
+        return lock
 
     def settings(self) -> HubSettings:
         """Return the settings; the defaults where there is no file."""
@@ -251,6 +267,7 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
             "server_name": "lift-manager-hub",
             "listen": f"127.0.0.1:{settings.client_port}",
             "max_payload": MAX_PAYLOAD,
+            "pid_file": str(folder.absolute() / PID_FILE),
             "leafnodes": leafnodes,
             "accounts": {
                 **accounts,
@@ -262,6 +279,7 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
     )
 
 
+PID_FILE = "nats.pid"
 SYSTEM = "SYSTEM"
 """The account through which the hub closes the connection of a site that is switched off."""
 MAX_PAYLOAD = 1024 * 1024
@@ -309,7 +327,7 @@ def leaf_configuration(settings: NatsSettings, site: str, nkey: Nkey, password: 
             "max_payload": MAX_PAYLOAD,
             "jetstream": {"domain": subjects.domain(site), "store_dir": "jetstream"},
             "accounts": {subjects.ACCOUNT: account},
-            "leafnodes": {"reconnect": 2, "remotes": [remote]},
+            "leafnodes": {"reconnect": "2s", "remotes": [remote]},
         }
     )
 

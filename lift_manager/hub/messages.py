@@ -32,7 +32,7 @@ class Position(_Message):
 
     stream: str = Field(max_length=64)
     """When the stream was created: the positions of another one mean nothing."""
-    at: int = Field(ge=0)
+    at: int = Field(ge=0, lt=2**63)
     """The number of the row in the stream; 0 for none."""
 
 
@@ -42,8 +42,8 @@ class News(_Message):
     name: str = Field(max_length=64)
     """The name of the site in its site file."""
     version: str = Field(max_length=64)
-    lifts: int = Field(ge=0)
-    live: int = Field(ge=0)
+    lifts: int = Field(ge=0, le=1_000_000)
+    live: int = Field(ge=0, le=1_000_000)
     commands: bool
     """Whether the site takes commands from the hub."""
     newest: Position | None = None

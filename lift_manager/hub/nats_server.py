@@ -15,7 +15,7 @@ from pathlib import Path
 
 from lift_manager.hub.connection import Connection
 from lift_manager.hub.errors import HubError
-from lift_manager.hub.folder import HubFolder
+from lift_manager.hub.folder import PID_FILE, HubFolder
 
 STOP_WITHIN_S = 3.0
 """How long the server may take to end before it is killed. Chosen: it needs milliseconds."""
@@ -52,10 +52,12 @@ class NatsServer:
         """Raises NatsServerMissing."""
         self._folder = folder
         self._program = find_program(folder.settings().nats.program)
+        self._configuration = str(folder.nats_conf.absolute())
         self._process: subprocess.Popen[bytes] | None = None
 
     async def run(self) -> None:
-        """Run it until cancelled; then it has ended."""
+        """Run it until cancelled; then it has ended. Only the one hub that has claimed the folder may."""
+        await self._end_orphan()
         try:
             while True:
                 log = os.open(
@@ -63,7 +65,7 @@ class NatsServer:
                 )
                 try:
                     self._process = subprocess.Popen(  # noqa: ASYNC220, S603  it takes milliseconds; the program is configured
-                        [self._program, "-c", str(self._folder.nats_conf)],
+                        [self._program, "-c", self._configuration],
                         stdin=subprocess.DEVNULL,
                         stdout=log,
                         stderr=log,
@@ -78,6 +80,30 @@ class NatsServer:
                 await asyncio.sleep(RESTART_S)
         finally:
             await self._stop()
+
+    async def _end_orphan(self) -> None:
+        """End the server of a hub that was killed: it would keep the ports, and its configuration for ever."""
+        pid = self._orphan()
+        if pid is None:
+            return
+        _log.warning("the NATS server of a hub that was killed still runs; it is ended")
+        try:
+            os.kill(pid, signal.SIGTERM)
+            async with asyncio.timeout(STOP_WITHIN_S):
+                while self._orphan() == pid:  # noqa: ASYNC110  it is no child of this process
+                    await asyncio.sleep(CHECK_S)
+        except (OSError, TimeoutError) as error:
+            _log.error("process %d is that server, and it could not be ended: %s", pid, str(error) or "it goes on")
+
+    def _orphan(self) -> int | None:
+        """Return the process of a server with the configuration of this hub; None if there is none."""
+        try:
+            pid = int((self._folder.path / PID_FILE).read_text())
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+        except (OSError, ValueError):
+            return None
+        # else the number belongs to another program now
+        return pid if self._configuration.encode() in words else None
 
     async def reload(self, closed: Collection[str]) -> None:
         """Let it read its configuration again, and close the connections of these sites, which it does not do by itself (2.15)."""

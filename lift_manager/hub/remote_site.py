@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import sqlite3
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum, unique
@@ -27,6 +28,7 @@ from lift_manager.hub.messages import (
     RowMessage,
     Ticket,
 )
+from lift_manager.hub.rate_limiter import RateLimiter
 
 if TYPE_CHECKING:
     from nats.aio.msg import Msg
@@ -43,6 +45,8 @@ BATCH = 256
 BATCH_BYTES = 512 * 1024
 BATCH_GAP_S = 0.1
 """The shortest time between two batches of one site, so that none of them has the hub to itself: 2,560 rows a second."""
+DISK_RETRY_S = 5.0
+"""How long to wait for a disk that cannot be written."""
 MOST_NEWS = 100
 """News of one site within FLOOD_S; one that sends more is not listened to for MUTED_S. An honest one sends ten a second at most."""
 FLOOD_S = 5.0
@@ -96,7 +100,7 @@ class RemoteSite:
         self.unreadable = 0
         """Messages that could not be read."""
         self._changed = asyncio.Event()
-        self._received: list[float] = []
+        self._limiter = RateLimiter(MOST_NEWS, FLOOD_S)
         self._flooded = False
 
     @property
@@ -129,8 +133,7 @@ class RemoteSite:
                 text = f"more than {MOST_NEWS} messages within {FLOOD_S:g} s; it is not listened to for {MUTED_S:g} s"
                 await self._turn(SiteState.FLOODING, text)
                 await asyncio.sleep(MUTED_S)
-                self._flooded = False
-                self._received.clear()
+                self._flooded, self._limiter = False, RateLimiter(MOST_NEWS, FLOOD_S)
 
     async def lifts(self, lift: str | None) -> LiftsReply:
         """Request one lift, or all, from the site itself. Raises SiteSilent and SiteRefused."""
@@ -192,9 +195,7 @@ class RemoteSite:
 
     async def _receive(self, message: Msg) -> None:
         now = _now()
-        self._received = [at for at in self._received[-MOST_NEWS:] if at > now - FLOOD_S]
-        self._received.append(now)
-        if len(self._received) > MOST_NEWS:
+        if not self._limiter.admits(now):
             self._flooded = True
             return
         try:
@@ -232,6 +233,9 @@ class RemoteSite:
                 raise_if_cancelled()
                 _log.debug("%s: rows cannot be read: %s", self.id, error)  # the next news is the next attempt
                 await asyncio.sleep(1.0)
+            except sqlite3.Error as error:
+                _log.error("%s: rows cannot be stored: %s; they are read again", self.id, error)
+                await asyncio.sleep(DISK_RETRY_S)
             await asyncio.sleep(BATCH_GAP_S)
 
     async def _read_batch(self) -> bool:

@@ -18,6 +18,8 @@ KEPT_PER_SITE = 100_000
 """Events kept of one site, so that none of them displaces those of another. Chosen: months of a busy site, 50 MB."""
 BYTES_PER_SITE = 128 * 1024 * 1024
 """The same in bytes, for a site that makes its rows as long as it can."""
+JOURNALS_PER_SITE = 100
+"""Journals of one site whose newest row is known. A site gets another one when a backup is restored."""
 MOST_AT_ONCE = 10_000
 """Events that are read for one reader."""
 
@@ -82,6 +84,7 @@ class RowStore:
             stored = [self._insert(site, event) for event in events]
             for journal, seq in highest.items():
                 self._connection.execute("INSERT OR REPLACE INTO journals VALUES (?, ?, ?)", (site, journal, seq))
+            self._forget_journals(site)
             self._connection.execute(
                 "INSERT OR REPLACE INTO positions VALUES (?, ?, ?)", (site, position.stream, position.at)
             )
@@ -112,6 +115,12 @@ class RowStore:
     def _highest(self, site: str, journal: str) -> int:
         found = self._connection.execute("SELECT seq FROM journals WHERE site = ? AND journal = ?", (site, journal))
         return int((found.fetchone() or (0,))[0])
+
+    def _forget_journals(self, site: str) -> None:
+        """Forget the journals that have had no rows for the longest time, of a site that has too many."""
+        newest = "SELECT rowid FROM journals WHERE site = ? ORDER BY rowid DESC LIMIT ?"
+        query = f"DELETE FROM journals WHERE site = ? AND rowid NOT IN ({newest})"  # noqa: S608  constants
+        self._connection.execute(query, (site, site, JOURNALS_PER_SITE))
 
     def _insert(self, site: str, event: dict[str, object]) -> StoredEvent:
         name, text = str(event["event"]), json.dumps(event, ensure_ascii=False, separators=(",", ":"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
@@ -19,6 +20,9 @@ from lift_manager.hub.rows import RowStore, StoredEvent
 
 CHECK_EVERY_S = 0.5
 """How often the files of the folder are checked, as those of keys."""
+
+RETRY_S = 5.0
+"""How long to wait after a failure."""
 
 Result = TypeVar("Result")
 Receive = Callable[[StoredEvent, str], None]
@@ -51,7 +55,14 @@ class Hub:
         return self._connection.is_up
 
     async def run(self, ready: Callable[[], None]) -> None:
-        """Observe all sites until cancelled."""
+        """Observe all sites until cancelled. Raises FolderUnusable where another hub does."""
+        lock = self.folder.claim()
+        try:
+            await self._run(ready)
+        finally:
+            os.close(lock)
+
+    async def _run(self, ready: Callable[[], None]) -> None:
         self.folder.write(self.registry)
         self._rows = await self._in_thread(lambda: RowStore(self.folder.rows))
         positions = await self._in_thread(self._store.positions)
@@ -117,7 +128,7 @@ class Hub:
         for site in sorted(live - set(self.sites)):
             found = RemoteSite(site, self._connection, positions.get(site), self._add_rows, self.announce)
             self.sites[site] = found
-            self._tasks[site] = tasks.create_task(found.run())
+            self._tasks[site] = tasks.create_task(_observe(found))
         self.registry = registry
 
     async def _follow_folder(self, tasks: asyncio.TaskGroup) -> None:
@@ -147,6 +158,16 @@ class Hub:
                 word = SiteState.OFF.value if entry.switch.is_off else "on"
                 await self.announce(site, word, f"switched by {entry.switch.by} {entry.switch.reason}".rstrip())
         _log.info("the sites have changed; there are %d now", len(registry.sites))
+
+
+async def _observe(remote: RemoteSite) -> None:
+    """Observe a site for ever. What one site sends must not end the hub for the others, whatever it reveals."""
+    while True:
+        try:
+            await remote.run()
+        except Exception:  # noqa: BLE001  it is logged
+            _log.exception("%s: the hub fails to observe this site, and begins again", remote.id)
+        await asyncio.sleep(RETRY_S)
 
 
 def _is_closed(registry: Registry, site: str, nkey: str) -> bool:

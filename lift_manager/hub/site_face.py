@@ -31,6 +31,8 @@ from lift_manager.hub.messages import (
     Ticket,
 )
 from lift_manager.hub.outbox import Outbox
+from lift_manager.hub.rate_limiter import RateLimiter
+from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.state import Quality
 from lift_manager.plain.version import running_version
 from lift_manager.runtime.errors import RequestRefused
@@ -43,6 +45,10 @@ if TYPE_CHECKING:
 NEWS_GAP_S = 0.1
 """The shortest time between two reports, however many rows there are. Chosen: the hub reads them all at once."""
 
+MOST_REQUESTS = 50
+"""Requests of a kind that are carried out within a second. Chosen: more than people send, and a hundredth of a core."""
+MOST_WAITING = 64
+"""Requests of a kind that wait; more are dropped before they are read."""
 RETRY_S = 2.0
 """How long to wait after a failure."""
 
@@ -74,7 +80,6 @@ class SiteFace:
         """`name` is that of the site file. Without `signers` there are no commands: nobody could sign one."""
         self._settings, self._name, self._site = settings, name, site
         self._connection = Connection("hub", settings.server, "manager", settings.password)
-        self._outbox = Outbox(settings.site, settings.journal, self._connection)
         self._commands = Commands(settings.site, site, signers) if settings.commands and signers is not None else None
 
     async def run(self) -> None:
@@ -86,25 +91,35 @@ class SiteFace:
                 await self._run_once()
             except* (Error, OSError, TimeoutError) as group:
                 _log.warning("hub: %s; it is tried again", group.exceptions[0])
+            # logged and not raised: the lifts do not depend on a hub, so what it sends must not stop them
+            except* Exception:  # noqa: BLE001
+                _log.exception(
+                    "hub: a bug; the connection to the hub is made again, and the lifts are served as before"
+                )
             await asyncio.sleep(RETRY_S)
 
     async def _run_once(self) -> None:
         try:
             await self._connection.open()
+            self._connection.warn_of_old_server()
             for kind, reply in (("lifts", self._lifts), ("ticket", self._ticket), ("command", self._command)):
                 await self._serve(kind, reply)
+            outbox = Outbox(self._settings.site, self._settings.journal, self._connection)
             async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self._outbox.run())
-                tasks.create_task(self._report_news())
+                tasks.create_task(outbox.run())
+                tasks.create_task(self._report_news(outbox))
         finally:
             await self._connection.close()
 
     async def _serve(self, kind: str, reply: Callable[[bytes], Awaitable[BaseModel]]) -> None:
-        """Reply to requests of a kind, one after the other."""
+        """Reply to requests of a kind, one after the other. Whoever has the hub cannot keep the manager from its lifts with them."""
+        limiter = RateLimiter(MOST_REQUESTS, 1.0)
 
         async def respond(message: Msg) -> None:
             headers: dict[str, str] | None = _PROBLEM
             try:
+                if not limiter.admits(_now()):
+                    raise SiteRefused(_TOO_OFTEN)  # noqa: TRY301  refusals have one place below
                 answer, headers = (await reply(message.data)).model_dump_json(), None
             except RequestRefused as refused:
                 problem = ProblemMessage(
@@ -122,7 +137,9 @@ class SiteFace:
                 answer = ProblemMessage(code="internal_error", status=500, message=text).model_dump_json()
             await self._publish(message.reply, answer, headers)
 
-        await self._connection.client.subscribe(subjects.request(self._settings.site, kind), cb=respond)
+        await self._connection.client.subscribe(
+            subjects.request(self._settings.site, kind), cb=respond, pending_msgs_limit=MOST_WAITING
+        )
 
     async def _publish(self, subject: str, text: str, headers: dict[str, str] | None = None) -> None:
         """Send something; where the leaf node is away it is lost: what is late is wrong."""
@@ -154,10 +171,10 @@ class SiteFace:
             raise SiteRefused(ProblemMessage(code="monitor_only", status=409, message=NO_COMMANDS))
         return self._commands
 
-    async def _report_news(self) -> None:
+    async def _report_news(self, outbox: Outbox) -> None:
         """Report every NEWS_EVERY_S, and soon after there are new rows in the stream."""
         while True:
-            self._outbox.changed.clear()
+            outbox.changed.clear()
             names = self._site.lift_names()
             news = News(
                 name=self._name,
@@ -165,16 +182,21 @@ class SiteFace:
                 lifts=len(names),
                 live=sum(self._site.state(name).quality is Quality.LIVE for name in names),
                 commands=self._commands is not None,
-                newest=self._outbox.newest,
+                newest=outbox.newest,
             )
             if self._connection.is_up:
                 await self._publish(subjects.news(self._settings.site), news.model_dump_json())
             await asyncio.sleep(NEWS_GAP_S)
             with suppress(TimeoutError):
                 async with asyncio.timeout(NEWS_EVERY_S - NEWS_GAP_S):
-                    await self._outbox.changed.wait()
+                    await outbox.changed.wait()
 
 
+_TOO_OFTEN = ProblemMessage(
+    code=Refusal.TOO_OFTEN,
+    status=429,
+    message=f"the site carries out {MOST_REQUESTS} requests of the hub within a second, and no more; nothing was done",
+)
 _PROBLEM = {"Lift-Manager": "problem"}
 """Marks a reply that is a ProblemMessage."""
 

@@ -15,7 +15,7 @@ import yaml
 from nats.aio.client import Client
 
 from lift_manager.api.keys import KeyRing
-from lift_manager.hub.folder import HubFolder
+from lift_manager.hub.folder import PID_FILE, HubFolder
 from lift_manager.hub.remote_site import SiteState
 from lift_manager.hub.rows import StoredEvent
 from lift_manager.hub.service import Hub
@@ -76,18 +76,27 @@ class Rig:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(mode=0o700)
         self.place = HubFolder(folder)
-        self._ports = {"leaf_port": free_port(), "client_port": free_port()}
+        self.settings: dict[str, object] = {
+            "leaf_port": free_port(),
+            "client_port": free_port(),
+            "program": NATS_SERVER,
+        }
+        """Of the NATS server; they count with the next site that is added."""
         self._site_ports: dict[str, int] = {}
 
     def add(self, site: str) -> None:
         """Add a site, whose leaf node has a port of its own here."""
         self._site_ports[site] = free_port()
-        nats = {**self._ports, "site_port": self._site_ports[site], "program": NATS_SERVER}
+        nats = {**self.settings, "site_port": self._site_ports[site]}
         (self.place.path / "hub.yaml").write_text(yaml.safe_dump({"nats": nats}))
         self.place.add_site(site)
 
     def files(self, site: str) -> Path:
         return self.place.path / "sites" / site
+
+    def log_of(self, site: str) -> str:
+        """What the leaf node of a site has logged."""
+        return (self.files(site) / "log").read_text()
 
     @contextmanager
     def leaf(self, site: str) -> Iterator[None]:
@@ -100,6 +109,10 @@ class Rig:
             finally:
                 process.terminate()
                 process.wait(HANGS_S)
+
+    async def has_pid(self) -> bool:
+        """Whether a NATS server has started with the configuration of the hub."""
+        return (self.place.path / PID_FILE).exists()
 
     def lose_stream(self, site: str) -> None:
         """Lose what the leaf node of a site keeps; it does not run."""

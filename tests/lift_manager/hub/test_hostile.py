@@ -1,17 +1,22 @@
-"""A hostile site, with all that its own leaf node and key allow, can neither be another site nor hold up the hub."""
+"""A hostile site, with all that its own leaf node and key allow, can neither be another site nor hold up the hub; nor can a hub hold up a site."""
 
 import asyncio
+import contextlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from nats.aio.msg import Msg
+from nats.errors import Error
 
 from lift_manager.hub.messages import News, Position
 from lift_manager.hub.remote_site import MOST_NEWS, SiteState
+from lift_manager.hub.site_face import MOST_REQUESTS
+from lift_manager.lift.state import LiftState
 from tests.lift_manager.hub.rig import Journal, Rig, until
 from tests.lift_manager.web.fake import FakeSite
+from tests.support.programs import HANGS_S
 
 FORGED = News(name="forged", version="1", lifts=0, live=0, commands=False, newest=Position(stream="x", at=10**6))
 
@@ -137,5 +142,48 @@ def test_one_that_floods_is_not_listened_to_and_the_others_are_served_as_before(
                         assert hub.hub.state("berlin") is SiteState.ONLINE
                     finally:
                         flooding.cancel()
+
+    asyncio.run(main())
+
+
+def test_a_hub_that_floods_a_site_is_refused_most_of_it(rig: Rig, journal: Journal) -> None:
+    async def main() -> None:
+        async with rig.manager("berlin", FakeSite(), journal):
+            with rig.leaf("berlin"):
+                async with rig.client("berlin") as local:
+                    # the account of the site has the subjects of its requests, which only the hub uses
+                    async def replies() -> bool:
+                        with contextlib.suppress(Error):
+                            return bool(await local.request("site.berlin.request.lifts", b"{}", timeout=0.5))
+                        return False
+
+                    await until(replies)
+                    served = refused = 0
+                    for _ in range(3 * MOST_REQUESTS):
+                        reply = await local.request("site.berlin.request.lifts", b"{}", timeout=HANGS_S)
+                        is_refused = b"too_often" in reply.data
+                        served, refused = served + (not is_refused), refused + is_refused
+                    assert refused > 0
+                    assert served > 0
+
+    asyncio.run(main())
+
+
+def test_what_a_site_sends_that_is_a_bug_here_ends_neither_the_hub_nor_the_site(
+    rig: Rig, journal: Journal, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Breaks(FakeSite):
+        def state(self, lift: str) -> LiftState:
+            raise ZeroDivisionError
+
+    async def main() -> None:
+        async with rig.hub() as hub, rig.manager("berlin", Breaks(), journal):
+            with rig.leaf("berlin"):
+
+                async def retried() -> bool:
+                    return caplog.text.count("hub: a bug;") >= 2
+
+                await until(retried)
+                assert (await hub.get("/sites")).status_code == 200
 
     asyncio.run(main())
