@@ -6,7 +6,7 @@ from pydantic import AwareDatetime, Field
 
 from lift_manager.api.fields import Answer, RequestModel, Seconds, ShortName, Words
 from lift_manager.api.roles import AccessLevel, LiftIn, Route
-from lift_manager.hub.messages import RemoteLift
+from lift_manager.hub.messages import RemoteLift, RemoteRide
 from lift_manager.hub.remote_site import SiteState
 
 _GET, _POST, _FILE = ("GET",), ("POST",), ("GET", "HEAD")
@@ -28,6 +28,7 @@ ROUTES: tuple[Route, ...] = (
     Route(_POST, f"{_SITE}/on", AccessLevel.OPERATE),
     Route(_POST, f"{_SITE}/tickets", AccessLevel.COMMAND, LiftIn.BODY),
     Route(_GET, f"{_SITE}/lifts", AccessLevel.READ),
+    Route(_GET, f"{_SITE}/rides", AccessLevel.READ),
     Route(_GET, f"{_SITE}/lifts/{{lift}}", AccessLevel.READ, LiftIn.PATH),
     Route(_POST, f"{_SITE}/lifts/{{lift}}/commands", AccessLevel.COMMAND, LiftIn.PATH),
 )
@@ -83,6 +84,14 @@ class RemoteLiftAnswer(Answer):
     site: str
     round_trip_s: Seconds = Field(description="How long request and reply took.")
     lift: RemoteLift
+
+
+class RemoteRidesAnswer(Answer):
+    """The rides of a site, requested from it for this reply."""
+
+    site: str
+    round_trip_s: Seconds = Field(description="How long request and reply took.")
+    rides: tuple[RemoteRide, ...]
 
 
 class SwitchOffRequest(RequestModel):

@@ -159,6 +159,15 @@ class HubFolder:
         except ValidationError as error:
             raise FolderUnusable(f"{file}: {_first_mistake(error)}") from error
 
+    def tls_changed_at(self) -> tuple[int, ...]:
+        """Return what changes with the TLS files of the NATS server."""
+        tls = self.settings().nats.tls
+        files = () if tls is None else (tls.certificate, tls.key)
+        try:
+            return tuple((self.path / file).stat().st_mtime_ns for file in files)
+        except OSError as error:
+            raise FolderUnusable(f"{error.filename} cannot be read ({error.strerror})") from error
+
     def registry(self) -> Registry:
         """Return the sites; a registry without sites where there is no file."""
         if is_shared(self.path):

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
 
 from lift_manager.api.fields import Answer, RequestModel, Seconds, Token
 from lift_manager.api.lifts import Age, Held, Lift, Restricted
 from lift_manager.api.sessions import Command, CommandRequest, OpenSessionRequest, RenewRequest, Session
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.state import Quality
+from lift_manager.rides.ride import Phase
 from register_maps.words import Door, Mode, Motion, Side
 
 NEWS_EVERY_S = 2.0
@@ -112,6 +113,31 @@ class RemoteLifts(Answer):
     """The reply of a site to the request for its lifts."""
 
     lifts: tuple[RemoteLift, ...]
+
+
+class RemoteRide(Answer):
+    """One ride of a site as the hub shows it. What its robot is to do is known at the site alone."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    id: str
+    lift: str
+    any_lift: bool
+    from_: str = Field(alias="from")
+    to: str
+    robot: str
+    caller: str
+    phase: Phase
+    ahead: int | None
+    maybe_aboard: bool
+    begun_at: AwareDatetime
+    changed_at: AwareDatetime
+
+
+class RemoteRides(Answer):
+    """The reply of a site to the request for its rides."""
+
+    rides: tuple[RemoteRide, ...]
 
 
 class LiftsRequest(_Message):

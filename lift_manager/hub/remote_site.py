@@ -25,6 +25,7 @@ from lift_manager.hub.messages import (
     Position,
     ProblemMessage,
     RemoteLifts,
+    RemoteRides,
     RowMessage,
     Ticket,
 )
@@ -79,6 +80,14 @@ class LiftsReply:
     """The lifts of a site, with the time that request and reply took."""
 
     lifts: RemoteLifts
+    round_trip_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RidesReply:
+    """The rides of a site, with the time that request and reply took."""
+
+    rides: RemoteRides
     round_trip_s: float
 
 
@@ -141,6 +150,12 @@ class RemoteSite:
         found = await self._request("lifts", LiftsRequest(lift=lift), RemoteLifts, REPLY_S)
         took_s = _now() - sent_at
         return LiftsReply(RemoteLifts(lifts=tuple(entry.after(took_s) for entry in found.lifts)), took_s)
+
+    async def rides(self) -> RidesReply:
+        """Request the rides from the site itself. Raises SiteSilent and SiteRefused."""
+        sent_at = _now()
+        found = await self._request("rides", LiftsRequest(), RemoteRides, REPLY_S)
+        return RidesReply(found, _now() - sent_at)
 
     async def ticket(self) -> Ticket:
         """Request a ticket for one command. Raises SiteSilent and SiteRefused."""

@@ -132,12 +132,14 @@ class Hub:
         self.registry = registry
 
     async def _follow_folder(self, tasks: asyncio.TaskGroup) -> None:
-        """Apply changes of the registry, which the command line and the API write."""
+        """Apply changes of the registry, which the command line and the API write, and use renewed certificates."""
         trouble = ""
+        tls_changed_at = await self._in_thread(self.folder.tls_changed_at)
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
             try:
                 registry = await self._in_thread(self.folder.registry)
+                newest = await self._in_thread(self.folder.tls_changed_at)
             except FolderUnusable as error:
                 if str(error) != trouble:
                     _log.error("%s; the sites stay as they are", error)
@@ -146,6 +148,10 @@ class Hub:
             trouble = ""
             if registry != self.registry:
                 await self._apply(tasks, registry)
+            if newest != tls_changed_at:
+                tls_changed_at = newest
+                await self._server.reload(())
+                _log.info("the NATS server reads its certificate again")
 
     async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
         before = self.registry.sites

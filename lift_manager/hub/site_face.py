@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel, ValidationError
 
 from lift_manager.api.lifts import Lift
+from lift_manager.api.rides import Ride
 from lift_manager.hub import subjects
 from lift_manager.hub.commands import Commands, Signers
 from lift_manager.hub.connection import Connection
@@ -28,6 +29,8 @@ from lift_manager.hub.messages import (
     ProblemMessage,
     RemoteLift,
     RemoteLifts,
+    RemoteRide,
+    RemoteRides,
     Ticket,
 )
 from lift_manager.hub.outbox import Outbox
@@ -102,7 +105,12 @@ class SiteFace:
         try:
             await self._connection.open()
             self._connection.warn_of_old_server()
-            for kind, reply in (("lifts", self._lifts), ("ticket", self._ticket), ("command", self._command)):
+            for kind, reply in (
+                ("lifts", self._lifts),
+                ("rides", self._rides),
+                ("ticket", self._ticket),
+                ("command", self._command),
+            ):
                 await self._serve(kind, reply)
             outbox = Outbox(self._settings.site, self._settings.journal, self._connection)
             async with asyncio.TaskGroup() as tasks:
@@ -120,7 +128,7 @@ class SiteFace:
             try:
                 if not limiter.admits(_now()):
                     raise SiteRefused(_TOO_OFTEN)  # noqa: TRY301  refusals have one place below
-                answer, headers = (await reply(message.data)).model_dump_json(), None
+                answer, headers = (await reply(message.data)).model_dump_json(by_alias=True), None
             except RequestRefused as refused:
                 problem = ProblemMessage(
                     code=refused.code, status=CODES[refused.code].status, message=refused.message[:4000]
@@ -157,6 +165,10 @@ class SiteFace:
             max_age_s = self._site.config(name).capabilities.max_age_s
             shown.append(RemoteLift.of(Lift.of(state, max_age_s=max_age_s)))
         return RemoteLifts(lifts=tuple(shown))
+
+    async def _rides(self, data: bytes) -> RemoteRides:
+        rides = (Ride.of(ride) for ride in self._site.rides.all())
+        return RemoteRides(rides=tuple(RemoteRide.model_validate(ride) for ride in rides))
 
     async def _ticket(self, data: bytes) -> Ticket:
         return Ticket(ticket=self._require_commands().tickets.issue(_now()))

@@ -19,6 +19,7 @@ from lift_manager.hub.api import (
     Off,
     RemoteLiftAnswer,
     RemoteLiftsAnswer,
+    RemoteRidesAnswer,
     RemoteSiteInfo,
     SitesAnswer,
     SwitchedAnswer,
@@ -225,6 +226,19 @@ async def one_lift(lift: LiftName, site: Remote) -> RemoteLiftAnswer:
     if [found.name for found in reply.lifts.lifts] != [lift]:
         raise RequestError("bad_reply", f"{site.id} replied with another lift than the one that was requested")
     return RemoteLiftAnswer(site=site.id, round_trip_s=reply.round_trip_s, lift=reply.lifts.lifts[0])
+
+
+@router.get(
+    "/sites/{site}/rides",
+    summary="The rides of a site",
+    tags=["rides"],
+    responses=problems("unknown_site", "site_silent", "bad_reply"),
+)
+async def rides(site: Remote) -> RemoteRidesAnswer:
+    """Current rides, and those that ended recently, requested from the site for this reply. A robot rides through its site."""
+    with _site_errors():
+        reply = await site.rides()
+    return RemoteRidesAnswer(site=site.id, round_trip_s=reply.round_trip_s, rides=reply.rides.rides)
 
 
 @router.post(

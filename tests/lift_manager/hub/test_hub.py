@@ -1,6 +1,7 @@
 """A hub and sites over real NATS servers: live state, the journal across outages, and the off switch."""
 
 import asyncio
+import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,10 +12,12 @@ import pytest
 from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.remote_site import SiteState
 from lift_manager.hub.service import Hub
+from lift_manager.lift.session import Holder
 from lift_manager.lift.state import Quality
 from tests.lift_manager.hub.rig import NATS_SERVER, Journal, Rig, until
 from tests.lift_manager.web.fake import FakeSite
 from tests.lift_manager.web.fake_lifts import IDLE
+from tests.lift_manager.web.fake_rides import a_ride
 from tests.support.certificates import Authority
 from tests.support.programs import HANGS_S
 
@@ -51,6 +54,10 @@ def test_state_is_requested_from_the_site_for_each_reply_and_guides_no_robot(rig
                     lifts.lifts["goods"] = replace(IDLE, lift="goods", quality=Quality.OFFLINE, reason="unplugged")
                     one = (await hub.get("/sites/berlin/lifts/goods")).json()
                     assert one["lift"]["reason"] == "unplugged"
+                    lifts.fake_rides.going_on(a_ride(Holder("ride", "amr-7")))
+                    (ride,) = (await hub.get("/sites/berlin/rides")).json()["rides"]
+                    assert (ride["from"], ride["to"], ride["caller"]) == ("L1", "L2", "ride:amr-7")
+                    assert not {"guidance", "reason", "advice"} & set(ride)
                     missing = await hub.get("/sites/berlin/lifts/none")
                     assert (missing.status_code, missing.json()["code"]) == (404, "unknown_lift")
                     await hub.until_state("berlin", SiteState.ONLINE)
@@ -142,28 +149,33 @@ def test_a_site_that_is_switched_off_is_refused_and_the_others_go_on(
     asyncio.run(main())
 
 
-def test_a_leaf_node_connects_over_tls_and_only_to_a_server_of_its_ca(
+def test_a_leaf_node_connects_only_to_a_server_with_a_certificate_of_its_ca_which_may_be_renewed(
     rig: Rig, journal: Journal, tmp_path: Path
 ) -> None:
     authority, stranger = Authority(tmp_path / "ca", "ours"), Authority(tmp_path / "ca", "another")
     shown, foreign = authority.issue("hub", "127.0.0.1"), stranger.issue("foreign", "127.0.0.1")
-    tls = {"certificate": str(shown.certificate), "key": str(shown.key)}
 
     async def main() -> None:
+        tls = {"certificate": str(shown.certificate), "key": str(shown.key)}
         rig.settings |= {"tls": tls, "ca": str(authority.file)}
         rig.add("rome")
-        async with rig.manager("rome", FakeSite(), journal):
+        async with rig.hub() as hub, rig.manager("rome", FakeSite(), journal):
             with rig.leaf("rome"):
-                async with rig.hub() as hub:
-                    await hub.until_reached("rome")
-                rig.settings["tls"] = {"certificate": str(foreign.certificate), "key": str(foreign.key)}
-                rig.add("oslo")
-                async with rig.hub():
+                await hub.until_reached("rome")
+            shutil.copy(foreign.key, shown.key)
+            shutil.copy(foreign.certificate, shown.certificate)
 
-                    async def refused() -> bool:
-                        return "certificate signed by unknown authority" in rig.log_of("rome")
+            async def is_refused() -> bool:
+                return "certificate signed by unknown authority" in rig.log_of("rome")
 
-                    await until(refused)
+            async def is_read() -> bool:
+                return "Reloaded server configuration" in (rig.place.path / "nats.log").read_text()
+
+            await until(is_read)
+            with rig.leaf("rome"):
+                await until(is_refused)
+                authority.issue("hub", "127.0.0.1")
+                await hub.until_reached("rome")
 
     asyncio.run(main())
 
