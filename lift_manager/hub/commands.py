@@ -12,6 +12,7 @@ from lift_manager.api.roles import AccessLevel, refusal
 from lift_manager.api.sessions import Command, Session
 from lift_manager.hub.errors import SiteRefused
 from lift_manager.hub.messages import (
+    REMOTE,
     Action,
     CloseSession,
     CommandMessage,
@@ -94,12 +95,15 @@ class Commands:
             case RenewSession(session=session, body=renewal):
                 own = self._own(lift, session, key)
                 return _session(site.renew_session(lift, own.id, own.holder, renewal.ttl_s))
-            case CloseSession(session=session, body=closing):
+            case CloseSession(session=session):
                 own = self._own(lift, session, key)
-                return _session(site.close_session(lift, own.id, own.holder, closing.robot))
+                return _session(site.close_session(lift, own.id, own.holder, None))
             case SendCommand(session=session, body=sent):
                 _require_idempotency(sent.idempotency_key)
                 own = self._own(lift, session, key)
+                if sent.do not in REMOTE:
+                    text = f"{sent.do} is not taken from the hub: it claims what only somebody at the lift knows"
+                    raise self._refused(Refusal.NOT_POSSIBLE, 409, text, lift, key)
                 request = CommandRequest(
                     session=own.id,
                     holder=own.holder,

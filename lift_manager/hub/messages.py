@@ -10,7 +10,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstrai
 from lift_manager.api.fields import Answer, RequestModel, Seconds, Token
 from lift_manager.api.lifts import Age, Held, Lift, Restricted
 from lift_manager.api.sessions import Command, CommandRequest, OpenSessionRequest, RenewRequest, Session
-from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.commands import CommandType
 from lift_manager.lift.state import Quality
 from lift_manager.rides.ride import Phase
 from register_maps.words import Door, Mode, Motion, Side
@@ -168,18 +168,11 @@ class RenewSession(RequestModel):
     body: RenewRequest = RenewRequest()
 
 
-class CloseBody(RequestModel):
-    """End a session."""
-
-    robot: RobotWord | None = Field(default=None, strict=False)
-
-
 class CloseSession(RequestModel):
     """End a session; the car stays where it is."""
 
     what: Literal["close"]
     session: Annotated[str, StringConstraints(min_length=1, max_length=64)]
-    body: CloseBody = CloseBody()
 
 
 class SendCommand(RequestModel):
@@ -192,6 +185,10 @@ class SendCommand(RequestModel):
 
 Action = Annotated[OpenSession | RenewSession | CloseSession | SendCommand, Field(discriminator="what")]
 """All that the hub may command. Acknowledging, lockouts, drains and forced releases are for people at the site."""
+
+REMOTE = frozenset({CommandType.GO_TO, CommandType.HOLD_DOOR, CommandType.RELEASE_DOOR})
+"""The commands within a session. The others claim what only somebody at the lift knows: that the doorway is clear, that the robot is in
+place, or out; the last of these would be as good as an acknowledgement."""
 
 
 class SignedCommand(RequestModel):

@@ -144,6 +144,12 @@ def test_what_people_decide_at_the_lift_does_not_exist_here(what: str) -> None:
     assert Caller().refused({"what": what, "by": "M. Weber", "reason": "none"}, key=OPERATOR) == "malformed"
 
 
+@pytest.mark.parametrize("do", ["close_door", "robot_in_place", "robot_left"])
+def test_what_only_somebody_at_the_lift_knows_is_not_taken_from_afar(do: str) -> None:
+    body = {"do": do, "idempotency_key": "c"} | ({"clear": True} if do == "close_door" else {})
+    assert Caller().refused({**GO, "body": body}) == "not_possible"
+
+
 @pytest.mark.parametrize("action", [{"what": "open", "body": {}}, {**GO, "body": {"do": "go_to", "floor": "L2"}}])
 def test_what_begins_something_needs_an_idempotency_key(action: object) -> None:
     assert Caller().refused(action) == "malformed"
