@@ -27,7 +27,7 @@ from lift_manager.cli.loop import run
 from lift_manager.cli.tls_options import Ca, tls_context
 from lift_manager.hub.connection import require_nats
 from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing
-from lift_manager.hub.folder import HttpSettings, HubFolder, HubSettings
+from lift_manager.hub.folder import HttpSettings, HubFolder, HubSettings, NatsSettings
 from lift_manager.hub.nats_server import NatsServerMissing
 from lift_manager.hub.service import Hub
 from lift_manager.hub.signing import sign, signed_text
@@ -105,13 +105,15 @@ def add(site: SiteName, folder: Folder = DEFAULT) -> None:
     Example: lift-manager hub site add berlin --folder hub
     """
     with _reporting():
-        files = _open(folder).add_site(site)
+        place = _open(folder)
+        files, port = place.add_site(site), place.settings().nats.site_port
+    server = "" if port == NatsSettings().site_port else f", server: 'nats://127.0.0.1:{port}'"
     print_lines(
         [
             f"{site}: added; carry {files} to the site, and remove it here: it holds the only copy of the site's secret",
             "there, start the leaf node in that folder: nats-server -c leaf.conf",
             "and add to the site file:",
-            f"hub: {{site: {site}, password: {site}/manager.password}}",
+            f"hub: {{site: {site}, password: {site}/manager.password{server}}}",
         ]
     )
 

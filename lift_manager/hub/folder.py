@@ -2,7 +2,7 @@
 
 hub.yaml         settings, written by hand; optional
 sites.json       the sites and their public keys, and the password of the hub at its own NATS server
-nats.conf        for that server; written by the program; beside it nats.log and nats.pid
+nats.conf        for that server; written by the program; beside it nats.log, nats.err and nats.pid
 hub.lock         held by the hub that runs with this folder
 hub.keys.json    the keys of the hub's callers
 hub.db           rows of all journals, as far as they were read
@@ -277,6 +277,9 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
             "listen": f"127.0.0.1:{settings.client_port}",
             "max_payload": MAX_PAYLOAD,
             "pid_file": str(folder.absolute() / PID_FILE),
+            "log_file": str(folder.absolute() / LOG_FILE),
+            "logfile_size_limit": LOG_BYTES,
+            "logfile_max_num": 3,
             "leafnodes": leafnodes,
             "accounts": {
                 **accounts,
@@ -288,7 +291,9 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
     )
 
 
-PID_FILE = "nats.pid"
+PID_FILE, LOG_FILE = "nats.pid", "nats.log"
+LOG_BYTES = 10_000_000
+"""Of one of three log files: a site that is refused causes lines as often as it likes."""
 SYSTEM = "SYSTEM"
 """The account through which the hub closes the connection of a site that is switched off."""
 MAX_PAYLOAD = 1024 * 1024

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from lift_manager.hub.connection import Connection
 from lift_manager.hub.errors import HubError
-from lift_manager.hub.folder import PID_FILE, HubFolder
+from lift_manager.hub.folder import LOG_FILE, PID_FILE, HubFolder
 
 STOP_WITHIN_S = 3.0
 """How long the server may take to end before it is killed. Chosen: it needs milliseconds."""
@@ -52,6 +52,8 @@ class NatsServer:
         """Raises NatsServerMissing."""
         self._folder = folder
         self._program = find_program(folder.settings().nats.program)
+        self._errors = folder.path / "nats.err"
+        """What the server writes before it has opened its log."""
         self._configuration = str(folder.nats_conf.absolute())
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -60,9 +62,7 @@ class NatsServer:
         await self._end_orphan()
         try:
             while True:
-                log = os.open(
-                    self._folder.path / "nats.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600
-                )
+                log = os.open(self._errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
                 try:
                     self._process = subprocess.Popen(  # noqa: ASYNC220, S603  it takes milliseconds; the program is configured
                         [self._program, "-c", self._configuration],
@@ -75,8 +75,11 @@ class NatsServer:
                     os.close(log)
                 while (code := self._process.poll()) is None:  # noqa: ASYNC110  see CHECK_S
                     await asyncio.sleep(CHECK_S)
-                text = "the NATS server has ended with %s; %s has its last words. It is started again"
-                _log.error(text, code, self._folder.path / "nats.log")
+                why = (
+                    self._errors.read_text("utf-8", "replace").strip()
+                    or f"{self._folder.path / LOG_FILE} has its last words"
+                )
+                _log.error("the NATS server has ended with %s, and is started again: %s", code, why)
                 await asyncio.sleep(RESTART_S)
         finally:
             await self._stop()

@@ -1,7 +1,9 @@
 """A hub and sites over real NATS servers: live state, the journal across outages, and the off switch."""
 
 import asyncio
+import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
@@ -176,6 +178,24 @@ def test_a_leaf_node_connects_only_to_a_server_with_a_certificate_of_its_ca_whic
                 await until(is_refused)
                 authority.issue("hub", "127.0.0.1")
                 await hub.until_reached("rome")
+
+    asyncio.run(main())
+
+
+def test_a_server_that_ends_is_started_again(rig: Rig, journal: Journal, caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with rig.hub() as hub, rig.manager("berlin", FakeSite(), journal):
+            with rig.leaf("berlin"):
+                await hub.until_reached("berlin")
+                os.kill(int((rig.place.path / "nats.pid").read_text()), signal.SIGKILL)
+
+                async def is_noticed() -> bool:
+                    return "has ended with -9, and is started again" in caplog.text
+
+                await until(is_noticed)
+                await hub.until_reached("berlin")
+                journal.write("a")
+                await hub.until_row("berlin", "a")
 
     asyncio.run(main())
 
