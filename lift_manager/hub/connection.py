@@ -17,6 +17,8 @@ RECONNECT_S = 1.0
 """How long to wait between two attempts. Chosen: a server restarts in less."""
 OLDEST_SERVER = (2, 11)
 """The first NATS server that returns several messages to one direct get."""
+CLOSE_WITHIN_S = 0.5
+"""Of the 5 s in which a manager ends."""
 PING_S = 5
 """How often the connection is tested: one that is dead is given up after two of them."""
 
@@ -91,10 +93,12 @@ class Connection:
             _log.warning(text, self._owner, self._server, version.major, version.minor, oldest)
 
     async def close(self) -> None:
-        """Close it, without waiting for what is under way."""
+        """Close it, without waiting for what is under way, nor for a server that hangs."""
         if self._client is not None:
-            with suppress(Exception):  # a connection that is half open fails to close, and that is all the same here
-                await self._client.close()
+            # a connection that is half open fails to close, and that is all the same here
+            with suppress(Exception):
+                async with asyncio.timeout(CLOSE_WITHIN_S):
+                    await self._client.close()
 
     async def _on_connected(self) -> None:
         self._trouble = ""

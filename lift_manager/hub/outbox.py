@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from drivers.thread import Worker
 from lift_manager.hub import subjects
-from lift_manager.hub.connection import Connection, raise_if_cancelled
+from lift_manager.hub.connection import CLOSE_WITHIN_S, Connection, raise_if_cancelled
 from lift_manager.hub.messages import Position, RowMessage
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import JournalUnreadable
@@ -154,7 +154,7 @@ class Outbox:
         finally:
             closed = self._worker.submit(self._reader.close)
             self._worker.stop()
-            await closed
+            await asyncio.wait([closed], timeout=CLOSE_WITHIN_S)  # a disk may hang
 
     async def _publish_all(self, stream: JetStreamContext) -> None:
         published, number = await self._open_stream(stream)

@@ -265,11 +265,11 @@ class RemoteSite:
         rows: list[RowMessage] = []
         last = at
         for message in await self._collect(json.dumps(request).encode()):
-            number = (message.headers or {}).get("Nats-Sequence", "")
-            if not number.isdigit() or not last < int(number) <= 2**62:
+            number = _number_of(message)
+            if number is None or number <= last:
                 self.unreadable += 1
                 continue
-            last = int(number)
+            last = number
             try:
                 rows.append(RowMessage.model_validate_json(message.data))
             except ValidationError:
@@ -299,6 +299,12 @@ class RemoteSite:
         finally:
             await self._unsubscribe(subscription)
         return found
+
+
+def _number_of(message: Msg) -> int | None:
+    """Return the number of a message in its stream; None for anything that a NATS server does not send."""
+    text = (message.headers or {}).get("Nats-Sequence", "")
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= 18 else None
 
 
 def _now() -> float:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
 from drivers.thread import Worker
-from lift_manager.hub.connection import Connection
+from lift_manager.hub.connection import CLOSE_WITHIN_S, Connection
 from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.folder import HubFolder, Registry
 from lift_manager.hub.messages import Position, RowMessage
@@ -71,6 +72,7 @@ class Hub:
                 tasks.create_task(self._server.run())
                 try:
                     await self._connection.open()
+                    self._connection.warn_of_old_server()
                     self._follow(tasks, self.registry, positions)
                     ready()
                     await self._follow_folder(tasks)
@@ -79,7 +81,7 @@ class Hub:
         finally:
             closed = self._worker.submit(self._rows.close)
             self._worker.stop()
-            await closed
+            await asyncio.wait([closed], timeout=CLOSE_WITHIN_S)  # a disk may hang
 
     def state(self, site: str) -> SiteState:
         """Return whether a site of the registry can be reached."""
@@ -101,7 +103,12 @@ class Hub:
     async def announce(self, site: str, word: str, text: str) -> None:
         """Store and pass on an event of the hub itself about a site."""
         event: dict[str, object] = {"event": "site", "state": word, "text": text}
-        self._pass_on(site, [await self._in_thread(lambda: self._store.add_event(site, event))])
+        try:
+            stored = await self._in_thread(lambda: self._store.add_event(site, event))
+        except sqlite3.Error as error:
+            _log.error("%s: %s cannot be stored: %s", site, word, error)
+            return
+        self._pass_on(site, [stored])
 
     @property
     def _store(self) -> RowStore:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -171,10 +172,10 @@ class SiteFace:
         return RemoteRides(rides=tuple(RemoteRide.model_validate(ride) for ride in rides))
 
     async def _ticket(self, data: bytes) -> Ticket:
-        return Ticket(ticket=self._require_commands().tickets.issue(_now()))
+        return Ticket(ticket=self._require_commands().tickets.issue(_ticket_clock()))
 
     async def _command(self, data: bytes) -> BaseModel:
-        received_at = _now()
+        received_at = _ticket_clock()
         commands = self._require_commands()
         return await commands.carry_out(CommandMessage.model_validate_json(data), received_at)
 
@@ -211,6 +212,11 @@ _TOO_OFTEN = ProblemMessage(
 )
 _PROBLEM = {"Lift-Manager": "problem"}
 """Marks a reply that is a ProblemMessage."""
+
+
+def _ticket_clock() -> float:
+    """Seconds of a clock that nobody sets, and that goes on while this computer sleeps."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def _now() -> float:

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
@@ -99,14 +100,15 @@ class Rig:
         return (self.files(site) / "log").read_text()
 
     @contextmanager
-    def leaf(self, site: str) -> Iterator[None]:
+    def leaf(self, site: str) -> Iterator["subprocess.Popen[bytes]"]:
         """Run the leaf node of a site."""
         with (self.files(site) / "log").open("ab") as log:
             command = [NATS_SERVER, "-c", "leaf.conf"]
             process = subprocess.Popen(command, cwd=self.files(site), stdout=log, stderr=log)
             try:
-                yield
+                yield process
             finally:
+                process.send_signal(signal.SIGCONT)
                 process.terminate()
                 process.wait(HANGS_S)
 

@@ -216,3 +216,19 @@ def test_a_hub_that_was_killed_leaves_no_server_that_the_next_one_cannot_reach(r
             orphan.wait()
 
     asyncio.run(main())
+
+
+def test_a_manager_ends_in_time_while_its_leaf_node_hangs(rig: Rig, journal: Journal) -> None:
+    async def main() -> None:
+        with rig.leaf("berlin") as leaf:
+            async with rig.hub() as hub:
+                journal.write("a")
+                async with rig.manager("berlin", FakeSite(), journal):
+                    await hub.until_row("berlin", "a")
+                    leaf.send_signal(signal.SIGSTOP)
+                    journal.write("b")
+                    began = asyncio.get_running_loop().time()
+                assert asyncio.get_running_loop().time() - began < 3
+                leaf.send_signal(signal.SIGCONT)
+
+    asyncio.run(main())
