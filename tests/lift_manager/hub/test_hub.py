@@ -228,7 +228,7 @@ def test_a_manager_ends_in_time_while_its_leaf_node_hangs(rig: Rig, journal: Jou
                     leaf.send_signal(signal.SIGSTOP)
                     journal.write("b")
                     began = asyncio.get_running_loop().time()
-                assert asyncio.get_running_loop().time() - began < 3
+                assert asyncio.get_running_loop().time() - began < 20
                 leaf.send_signal(signal.SIGCONT)
 
     asyncio.run(main())
