@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 
 from lift_manager.hub.connection import Connection
@@ -83,6 +84,16 @@ class NatsServer:
                 await asyncio.sleep(RESTART_S)
         finally:
             await self._stop()
+
+    async def accepts(self) -> None:
+        """Return once it accepts connections, however long that takes: an attempt before that would be logged as a failure."""
+        port = self._folder.settings().nats.client_port
+        while True:
+            with suppress(OSError):
+                _, writer = await asyncio.open_connection("127.0.0.1", port)
+                writer.close()
+                return
+            await asyncio.sleep(CHECK_S)
 
     async def _end_orphan(self) -> None:
         """End the server of a hub that was killed: it would keep the ports, and its configuration for ever."""

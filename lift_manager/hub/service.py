@@ -71,6 +71,7 @@ class Hub:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._server.run())
                 try:
+                    await self._server.accepts()
                     await self._connection.open()
                     self._connection.warn_of_old_server()
                     self._follow(tasks, self.registry, positions)
