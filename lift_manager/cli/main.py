@@ -33,6 +33,8 @@ COMMANDS = {
     "drain": "operate:drain",
     "release": "operate:release",
     "audit": "audit:audit",
+    "cluster": "cluster:app",
+    "handover": "cluster:handover",
     "maps": "maps:app",
     "network": "network:show",
     "backup": "backup:backup",
@@ -56,6 +58,8 @@ SUMMARIES = {
         "keys": "Make, list and revoke the keys of a site.",
         "network": "Show what the owner's network should let through.",
         "rmf": "Run the Open-RMF adapter without ROS, or inspect messages.",
+        "cluster": "Prepare and inspect the two machines of a site.",
+        "handover": "Let the standby take over, without releasing anything.",
     },
     "Commission a lift": {
         "init": "Write the site file of a first lift.",

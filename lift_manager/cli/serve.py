@@ -14,6 +14,7 @@ import typer
 
 from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app as running
+from lift_manager import takeover as running_in_cluster
 from lift_manager.cli.common import (
     SiteFile,
     fail,
@@ -28,6 +29,8 @@ from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
 from lift_manager.cli.serve_checks import allows_requests_without_keys, cautions, obstacles, with_checkouts
+from lift_manager.cluster.connect import cluster_of, machine_of
+from lift_manager.cluster.errors import ClusterError
 from lift_manager.config.load import LoadedSite
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.plain.text import counted
@@ -36,6 +39,8 @@ from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import open_copy
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
@@ -52,11 +57,18 @@ NO_WORKERS = (
 """Web servers offer `--workers`, so people try it."""
 
 
+Machine = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="In a cluster: which machine this is, instead of the host name."),
+]
+
+
 @dataclass(frozen=True, slots=True)
 class Stores:
     """The files of a site on the disk."""
 
-    committer: Committer
+    committer: Committer | running_in_cluster.Machine
+    """In a cluster records and journal are in etcd, and copied to this machine."""
     keys: KeyFile
 
 
@@ -70,6 +82,7 @@ def serve(
         bool,
         typer.Option("--rmf", help="Also run the Open-RMF lift adapter of these lifts, with `rmf` of the site file."),
     ] = False,
+    machine: Machine = None,
     log_format: LogOption = LogFormat.HUMAN,
     workers: Annotated[int | None, typer.Option(hidden=True)] = None,
 ) -> None:
@@ -94,7 +107,7 @@ def serve(
     loaded = with_checkouts(loaded)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
     api = loaded.site.api
-    committer = open_store_or_exit(loaded)
+    committer = open_store_or_exit(loaded) if loaded.site.cluster is None else _machine(loaded, machine)
     try:
         sock = listen(api.host, api.port if port is None else port)
     except ListenError as error:
@@ -102,13 +115,25 @@ def serve(
     with sock:
         stores = Stores(committer, _keys(loaded, sock))
         try:
-            released = run(_serve(loaded, sock, stores, settings, stopped_early))
+            serving = _serve(loaded, sock, stores, settings, stopped_early)
+            released = run(serving, sends_at_once=loaded.site.cluster is not None)
         except* DdsError as group:
             raise report_join_failure(group.exceptions[0]) from group
-        except* (ControllerTaken, LockUnusable, ListenError) as group:
+        except* (ControllerTaken, LockUnusable, ListenError, ClusterError) as group:
             raise fail(str(group.exceptions[0])) from group
     if not released:
         raise typer.Exit(1)
+
+
+def _machine(loaded: LoadedSite, name: str | None) -> running_in_cluster.Machine:
+    """Open the copy of the store on this machine, or report why it cannot be used and exit with 1."""
+    cluster, journal = cluster_of(loaded), loaded.site.journal
+    try:
+        machine = machine_of(cluster if name is None else cluster.model_copy(update={"machine": name}))
+        disk = open_copy(store_path_of(loaded), loaded.site.name, Limits(journal.keep_days, journal.max_mb))
+    except (ClusterError, StoreError) as error:
+        raise fail(str(error)) from error
+    return running_in_cluster.Machine(machine, disk)
 
 
 def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
@@ -147,4 +172,8 @@ async def _serve(
             print_lines([f"Open-RMF lift adapter: {describe_rmf(rmf)}"])
 
     faces = running.Faces(stores.keys, rmf)
+    if isinstance(stores.committer, running_in_cluster.Machine):
+        return await running_in_cluster.run_in_cluster(
+            loaded, sock, stores.committer, stop=stop, ready=ready, faces=faces
+        )
     return await running.run(loaded, sock, stop=stop, ready=ready, recorder=stores.committer, faces=faces)

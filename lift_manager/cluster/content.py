@@ -7,6 +7,7 @@
 | `records/LIFT` | the record of a lift, as the store on the disk has it |
 | `rows/NUMBER` | the rows of the journal of one commit, until both machines have them on the disk |
 | `copied/MACHINE` | the number of the newest commit that a machine has on the disk |
+| `removed` | the number of the newest commit whose rows were removed |
 | `handover` | a planned change of roles that was requested |
 """
 
@@ -39,6 +40,7 @@ class Place:
         self.records = f"{self._prefix}records/"
         self.rows = f"{self._prefix}rows/"
         self.copied = f"{self._prefix}copied/"
+        self.removed = f"{self._prefix}removed"
         self.handover = f"{self._prefix}handover"
 
     def rows_of(self, commit: int) -> str:
@@ -141,12 +143,12 @@ def decode_record(entry: Entry) -> SavedLift:
 
 
 def encode_number(number: int) -> bytes:
-    """Return the value of `copied`."""
+    """Return the value of `copied` and `removed`."""
     return _dump(number)
 
 
 def decode_number(entry: Entry) -> int:
-    """Return the number of the newest commit that a machine has on the disk. Raises ClusterUnusable."""
+    """Return the number of a commit. Raises ClusterUnusable."""
     with _reading(entry) as value:
         return int(value)
 

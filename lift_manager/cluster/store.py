@@ -14,6 +14,7 @@ from lift_manager.cluster.content import (
     decode_rows,
     encode_head,
     encode_key,
+    encode_number,
     encode_record,
     encode_rows,
     next_head,
@@ -111,7 +112,9 @@ class EtcdStore:
             newest = 0 if self._head is None else self._head.commit
             upto = max(min(found.get(machine, 0) for machine in self._machines), newest - MOST_COMMITS)
             if upto > 0:
-                self._etcd.transact([self._own_key], [remove_upto(self._place.rows, self._place.rows_of(upto))])
+                writes = [put(self._place.removed, encode_number(upto))]
+                writes.append(remove_upto(self._place.rows, self._place.rows_of(upto)))
+                self._etcd.transact([self._own_key], writes)
         except ClusterError as error:
             raise _failed(error) from error
         return UpkeepStep(more=False)

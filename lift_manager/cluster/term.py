@@ -97,9 +97,10 @@ class Sent:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """etcd has answered the request under way."""
+    """etcd has answered a request."""
 
     order: Order
+    sent_at: float
     at: float
     key: Key
     """The key after it."""
@@ -111,6 +112,7 @@ class Answered:
 class Unanswered:
     """No answer has come; whether the request was or will be applied is unknown."""
 
+    sent_at: float
     at: float
 
 
@@ -139,10 +141,14 @@ class Term:
     """When the request under way was sent."""
     due_at: float = -math.inf
     """When the next request is due."""
+    pauses_until: float = -math.inf
+    """After a request without an answer the key is not taken before this."""
     trips: tuple[float, ...] = ()
     """How long the newest renewals took, or were waited for in vain."""
     released: bool = False
     """Whether the release was ordered."""
+    left: int | None = None
+    """The epoch that this member gave up by itself: the other one is to take the next, if it is there."""
 
     @property
     def margin_s(self) -> float:
@@ -165,7 +171,8 @@ class Term:
         """When the key may be taken, if it does not change until then."""
         if self.key is None or self.key.revision == 0:
             return math.inf
-        return self.known_at + (UNCHANGED_S if self.key.owner else 0.0)
+        is_free = not self.key.owner and self.key.epoch != self.left
+        return max(self.known_at + (0.0 if is_free else UNCHANGED_S), self.pauses_until)
 
     @property
     def wake_at(self) -> float:
@@ -188,13 +195,16 @@ def step(term: Term, happened: Input) -> tuple[Term, tuple[Order, ...]]:
     if term.role is Role.OVER:
         return term, orders
     match happened:
+        case Answered() | Unanswered() if happened.sent_at != term.sent_at:
+            return term, orders  # of a request from before this member was a standby again
         case Sent(at):
             return replace(term, sent_at=at, due_at=at + RENEW_S), orders
         case Answered():
             term, more = _take_answer(term, happened)
             return term, orders + more
-        case Unanswered(at):
-            return _end_request(term, at, is_renewal=term.role is not Role.STANDBY), orders
+        case Unanswered(_, at):
+            term = _end_request(term, at, is_renewal=term.role is not Role.STANDBY)
+            return replace(term, pauses_until=at + RENEW_S), orders
         case Leave():
             return (replace(term, role=Role.LEAVING) if term.role is Role.ACTIVE else term), orders
         case Tick(at):
@@ -227,19 +237,18 @@ def _request(term: Term, at: float) -> tuple[Order, ...]:
 
 
 def _take_answer(term: Term, answer: Answered) -> tuple[Term, tuple[Order, ...]]:
-    sent_at = answer.at if term.sent_at is None else term.sent_at
     before = term.key
     known_at = answer.at if before is None or before.revision != answer.key.revision else term.known_at
     if term.role is Role.STANDBY:
         taken = answer.order is Order.TAKE and answer.is_applied
         term = replace(_end_request(term, answer.at, is_renewal=taken), key=answer.key, known_at=known_at)
         if taken:
-            term = replace(term, role=Role.ACTIVE, until=sent_at + TERM_S)
+            term = replace(term, role=Role.ACTIVE, until=answer.sent_at + TERM_S)
         return _advance(term, answer.at)
     assert before is not None  # noqa: S101  it was taken
     term = replace(_end_request(term, answer.at, is_renewal=True), key=answer.key, known_at=known_at)
     if answer.is_applied:
-        return replace(term, until=max(term.until, sent_at + TERM_S)), ()
+        return replace(term, until=max(term.until, answer.sent_at + TERM_S)), ()
     if (answer.key.epoch, answer.key.owner) == (before.epoch, before.owner):
         # an earlier renewal was applied, and its answer lost; nobody knows when, so the term is not longer for it
         return replace(term, due_at=answer.at), ()

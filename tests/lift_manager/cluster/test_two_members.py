@@ -158,14 +158,14 @@ class Machine:
     def answered(self, number: int, order: Order, key: Key, applied: bool) -> None:
         if number == self.request and self.term.sent_at is not None:
             self.terms += order is Order.TAKE and applied
-            self.take(Answered(order, self.clock, key, applied))
+            self.take(Answered(order, self.term.sent_at, self.clock, key, applied))
 
     def give_up(self, number: int) -> None:
         self.when_running(lambda: self.unanswered(number))
 
     def unanswered(self, number: int) -> None:
         if number == self.request and self.term.sent_at is not None:
-            self.take(Unanswered(self.clock))
+            self.take(Unanswered(self.term.sent_at, self.clock))
 
 
 def play(seed: int, *, loss: float, slow: float, stop: float, rates: tuple[float, float]) -> tuple[Machine, Machine]:

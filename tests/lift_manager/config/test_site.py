@@ -145,8 +145,15 @@ KEYS: list[Mistake] = [
     ),
     (
         "a key nobody knows",
-        [("name: A building", "name: A building\ncolour: red")],
-        [said(3, "colour", "no such key", "api, controllers, journal, lifts, name, require_checkout, rmf, schema")],
+        [("name: A building", "name: A building\nhue: red")],
+        [
+            said(
+                3,
+                "hue",
+                "no such key",
+                "api, cluster, controllers, journal, lifts, name, require_checkout, rmf, schema",
+            )
+        ],
     ),
     ("a key that is missing", [("host: 10.0.0.5, ", "")], [said(4, "controllers.plc.host", "is missing")]),
     ("another schema", [("schema: 1", "schema: 2")], [said(1, "schema", "must be 1", "not 2")]),
