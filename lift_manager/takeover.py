@@ -38,6 +38,9 @@ COPY_ANSWER_S = 5.0
 """How long the copy of the journal waits for etcd. Chosen: nothing waits for it."""
 
 
+LOOK_EVERY_S = 1.0
+"""How often a standby looks whether it could take over, for the log."""
+
 LAST_COPY_S = 0.5
 """How long an orderly end waits for the last rows on the disk of this machine. They are in etcd, and copied at the next start."""
 
@@ -108,9 +111,22 @@ async def _stand_by(loaded: LoadedSite, sock: socket, member: Member) -> None:
     with sock.dup() as own_sock:
         async with asyncio.TaskGroup() as work:
             work.create_task(serve(standby, own_sock, tls=tls, limits=limits))
+            work.create_task(_log_trouble(member))
             work.create_task(report_to_systemd(notifier(), {}, dict, status))
             if tls is not None:
                 work.create_task(renew_certificates(tls))
+
+
+async def _log_trouble(member: Member) -> None:
+    """Log why this machine could not take over, and that it can again."""
+    logged = ""
+    while True:
+        if (trouble := member.trouble) and not logged:
+            _log.error("cluster: this machine could not take over: %s", trouble)
+        elif logged and not trouble:
+            _log.warning("cluster: this machine can take over again")
+        logged = trouble
+        await asyncio.sleep(LOOK_EVERY_S)
 
 
 async def _until_active(member: Member, stop: asyncio.Event) -> ActiveTerm | None:

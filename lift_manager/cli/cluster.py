@@ -29,7 +29,13 @@ By = Annotated[str, typer.Option("--by", metavar="NAME", help="Your name; it is 
 
 
 @app.command()
-def init(site: SiteFile) -> None:
+def init(
+    site: SiteFile,
+    *,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Remove what etcd holds for the site first; both managers have ended.")
+    ] = False,
+) -> None:
     """Prepare etcd for a site, once.
 
     What the manager of this machine remembers, such as lockouts, becomes what both machines remember. Run it on the machine whose
@@ -42,6 +48,8 @@ def init(site: SiteFile) -> None:
         records = read_records_of_site(store_path_of(loaded), loaded.site.name, loaded.site.lifts.keys())
     except StoreError as error:
         raise fail(str(error)) from error
+    if replace:
+        _with_etcd(loaded, operations.clear)
     _with_etcd(loaded, lambda etcd, place: operations.prepare(etcd, place, records))
     print_lines([f"{loaded.site.name}: etcd is prepared, with the records of {counted(len(records), 'lift')}"])
 

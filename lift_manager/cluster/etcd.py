@@ -1,7 +1,7 @@
 """Reads and writes etcd over the JSON gateway that every member has, with or without TLS.
 
-A request goes to one member and is never repeated here: whoever sends it knows what a repetition would mean. After a member that
-did not answer the next request goes to the next one.
+A request reaches one member and is never repeated here: whoever sends it knows what a repetition would mean. A member to which
+there is no connection is passed over; after one that did not answer, the next request goes to the next.
 """
 
 from __future__ import annotations
@@ -68,24 +68,40 @@ class Etcd:
             client.close()
 
     def _post(self, path: str, body: Json) -> Json:
-        member = self._members[0]
+        unreached: list[str] = []
+        for member in tuple(self._members):
+            try:
+                return self._answer(member, self._send(f"{member}/v3/{path}", body))
+            except (httpx.ConnectError, httpx.ConnectTimeout) as error:
+                # nothing was sent
+                unreached.append(f"{member} ({str(error) or type(error).__name__})")
+                self._skip()
+            except httpx.HTTPError as error:
+                self._skip()
+                raise EtcdUnavailable(
+                    f"etcd does not answer at {member} ({str(error) or type(error).__name__})"
+                ) from error
+        raise EtcdUnavailable(f"etcd cannot be reached at {', '.join(unreached)}")
+
+    def _send(self, url: str, body: Json) -> httpx.Response:
         if self._client is None:
             verify = True if self._tls is None else self._tls
             self._client = httpx.Client(verify=verify, timeout=self._timeout_s, trust_env=False)
-        try:
-            reply = self._client.post(f"{member}/v3/{path}", json=body)
-        except httpx.HTTPError as error:
-            self._members.append(self._members.pop(0))
-            raise EtcdUnavailable(f"etcd does not answer at {member} ({str(error) or type(error).__name__})") from error
+        return self._client.post(url, json=body)
+
+    def _answer(self, member: str, reply: httpx.Response) -> Json:
         if reply.status_code == httpx.codes.OK:
             answer: Json = reply.json()
             return answer
-        reason = _reason(reply)
         if reply.status_code < httpx.codes.INTERNAL_SERVER_ERROR:
-            raise EtcdRefused(f"etcd at {member} refuses a request: {reason}")
+            raise EtcdRefused(f"etcd at {member} refuses a request: {_reason(reply)}")
         # no leader, too busy, shutting down: it may have been carried out all the same
+        self._skip()
+        raise EtcdUnavailable(f"etcd at {member} cannot answer: {_reason(reply)}")
+
+    def _skip(self) -> None:
+        """Send the next request to the next member."""
         self._members.append(self._members.pop(0))
-        raise EtcdUnavailable(f"etcd at {member} cannot answer: {reason}")
 
 
 def put(key: str, value: bytes) -> Json:
@@ -103,6 +119,11 @@ def read_all(prefix: str, *, after: str = "", limit: int = 0) -> Json:
     first = f"{after}\0" if after else prefix
     request: Json = {"key": _text(first), "range_end": _end(prefix)}
     return {"request_range": request | ({"limit": limit} if limit else {})}
+
+
+def remove_all(prefix: str) -> Json:
+    """Remove the keys that begin with a prefix."""
+    return {"request_delete_range": {"key": _text(prefix), "range_end": _end(prefix)}}
 
 
 def remove_upto(prefix: str, last: str) -> Json:

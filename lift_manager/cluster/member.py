@@ -137,7 +137,9 @@ class Member:
 
     @property
     def trouble(self) -> str:
-        """Why etcd has not answered for some time; empty while it does."""
+        """Why this machine could not take over now; empty while it could."""
+        if self._term.key is not None and self._term.key.revision == 0:
+            return "etcd holds nothing for this site yet; `lift-manager cluster init` begins it"
         silent_s = self._clock() - self._answered_at
         return self._trouble if self._trouble and silent_s > SILENCE_S else ""
 
@@ -199,7 +201,8 @@ class Member:
             return orders
         if Order.WITHDRAW in orders:
             _log.error(
-                "cluster: etcd has not renewed the term of this manager, which withdraws OPEN and releases everything"
+                "cluster: etcd has not renewed the term of this manager, which withdraws OPEN and releases everything: %s",
+                self._trouble or "no answer",
             )
             active.ends.set()
         if Order.RELEASE in orders:

@@ -20,8 +20,8 @@ from lift_manager.cluster.content import (
     encode_record,
 )
 from lift_manager.cluster.errors import ClusterUnusable
-from lift_manager.cluster.etcd import Etcd, has_revision, has_value, put, read, read_all
-from lift_manager.cluster.term import Key
+from lift_manager.cluster.etcd import Etcd, has_revision, has_value, put, read, read_all, remove_all
+from lift_manager.cluster.term import UNCHANGED_S, Key
 from lift_manager.runtime.recorder import SavedLift
 
 ACCEPTED_WITHIN_S = 3.0
@@ -46,13 +46,24 @@ class ClusterStatus:
 
 def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift]) -> None:
     """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already."""
-    new = [has_revision(place.active, 0), has_revision(place.head, 0)]
-    writes = [put(place.active, encode_key(Key(0))), put(place.head, encode_head(Head(0, "")))]
+    before = decode_key(etcd.transact([], [read(place.active)]).ranges[0])
+    new = [has_revision(place.active, before.revision), has_revision(place.head, 0)]
+    writes = [put(place.active, encode_key(Key(0, before.epoch))), put(place.head, encode_head(Head(0, "")))]
     writes += [put(place.records + lift, encode_record(record)) for lift, record in records.items()]
     if not etcd.transact(new, writes).succeeded:
         raise ClusterUnusable(
             "etcd holds this site already, with what its managers remember; nothing was changed, and both machines can be started"
         )
+
+
+def clear(etcd: Etcd, place: Place, *, unchanged_s: float = UNCHANGED_S) -> None:
+    """Remove what etcd holds for a site, except for the epoch. Raises ClusterError, also while a manager is active."""
+    before = decode_key(etcd.transact([], [read(place.active)]).ranges[0])
+    time.sleep(unchanged_s if before.owner else 0.0)
+    writes = [put(place.active, encode_key(Key(0, before.epoch)))]
+    writes += [remove_all(key) for key in (place.head, place.records, place.rows, place.copied, place.removed)]
+    if not etcd.transact([has_revision(place.active, before.revision)], writes).succeeded:
+        raise ClusterUnusable("a manager is active in this cluster; nothing was changed. End both managers first")
 
 
 def read_status(etcd: Etcd, place: Place) -> ClusterStatus:

@@ -76,8 +76,17 @@ class EtcdStore:
         self._commits = 0
 
     def load(self) -> Mapping[str, SavedLift]:
-        """Return the record of every lift that was ever committed. Raises ClusterError."""
-        result = self._etcd.transact([], [read(self._place.head), read_all(self._place.records)])
+        """Return the record of every lift that was ever committed, from any member that answers in time. Raises ClusterError."""
+        give_up_at = time.monotonic() + self._tries_s
+        while True:
+            try:
+                result = self._etcd.transact([], [read(self._place.head), read_all(self._place.records)])
+            except EtcdUnavailable:
+                if time.monotonic() >= give_up_at:
+                    raise
+                time.sleep(self._retry_s)
+                continue
+            break
         head, records = result.ranges
         self._expect(head)
         return {entry.key.removeprefix(self._place.records): decode_record(entry) for entry in records}

@@ -1,5 +1,6 @@
 """The client against real members of etcd: what it reads and writes, and what it reports when members are gone."""
 
+import socket
 import ssl
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,12 +69,24 @@ def test_a_request_that_etcd_does_not_take_is_refused_with_its_reason(etcd: Etcd
         etcd.transact([], [put(f"/many/{number}", b"") for number in range(129)])
 
 
-def test_a_member_that_is_gone_is_named_and_the_next_one_is_used(members: Members) -> None:
-    etcd = Etcd(["http://127.0.0.1:1", *members.urls], timeout_s=5.0)
-    with pytest.raises(EtcdUnavailable, match=r"http://127\.0\.0\.1:1 "):
-        etcd.transact([], [read("/x")])
+def test_a_member_that_is_gone_is_passed_over(members: Members) -> None:
+    etcd = Etcd(["http://127.0.0.1:1", "http://127.0.0.1:2", *members.urls], timeout_s=5.0)
     assert etcd.transact([], [read("/x")]).ranges == ((),)
     etcd.close()
+    etcd = Etcd(["http://127.0.0.1:1", "http://127.0.0.1:2"], timeout_s=5.0)
+    with pytest.raises(EtcdUnavailable, match=r"http://127\.0\.0\.1:1 .*http://127\.0\.0\.1:2 "):
+        etcd.transact([], [read("/x")])
+    etcd.close()
+
+
+def test_after_a_member_that_does_not_answer_the_next_request_goes_to_the_next(members: Members) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        etcd = Etcd([url, *members.urls], timeout_s=2.0)
+        with pytest.raises(EtcdUnavailable, match=url):
+            etcd.transact([], [put("/silent", b"")])
+        assert etcd.transact([], [read("/silent")]).ranges == ((),)
+        etcd.close()
 
 
 def test_three_members_go_on_without_their_leader_and_answer_nothing_without_a_majority(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from lift_manager.cluster.content import Head, Place, decode_rows, encode_head, encode_key, encode_number
-from lift_manager.cluster.errors import ClusterUnusable
+from lift_manager.cluster.errors import ClusterUnusable, EtcdUnavailable
 from lift_manager.cluster.etcd import put, read, read_all
 from lift_manager.cluster.store import MOST_COMMITS, ROWS_IN_A_COMMIT, UPKEEP_COMMITS, EtcdStore
 from lift_manager.cluster.term import Key
@@ -164,6 +164,15 @@ def test_rows_are_not_kept_for_ever_for_a_machine_that_is_away(etcd: MemoryEtcd)
     ours.do_upkeep(0, check=False)
     assert stored(etcd) == noted(1)
     assert etcd.transact([], [read(PLACE.rows_of(3))]).ranges == ((),)
+
+
+def test_a_takeover_reads_from_another_member_if_one_does_not_answer(etcd: MemoryEtcd) -> None:
+    store_of(etcd).commit({"east": EVERYTHING}, [])
+    lose(etcd, "answer", "request")
+    assert store_of(etcd, tries_s=60.0).load() == {"east": EVERYTHING}
+    lose(etcd, "answer")
+    with pytest.raises(EtcdUnavailable):
+        store_of(etcd).load()
 
 
 def test_an_etcd_that_was_never_prepared_is_not_used() -> None:

@@ -102,6 +102,7 @@ def test_in_an_etcd_that_was_never_prepared_nobody_is_active() -> None:
     async def check(pair: Pair, a: Member) -> None:
         await elapse(10.0)
         assert a.active is None
+        assert "cluster init" in a.trouble
         assert pair.etcd.entries == {}
 
     play(check, "a", prepared=False)

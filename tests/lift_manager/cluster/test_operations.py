@@ -13,6 +13,7 @@ from lift_manager.cluster.etcd import Json, Result, put, read
 from lift_manager.cluster.store import EtcdStore
 from lift_manager.cluster.term import Key
 from lift_manager.config.site import Cluster
+from lift_manager.runtime.recorder import SavedLift
 from tests.lift_manager.store.test_recall_contract import EVERYTHING
 from tests.support.memory_etcd import MemoryEtcd
 
@@ -38,6 +39,35 @@ def test_a_cluster_is_prepared_once() -> None:
     with pytest.raises(ClusterUnusable, match="holds this site already"):
         operations.prepare(etcd, PLACE, {})
     assert EtcdStore(etcd, PLACE, NORTH, MACHINES).load() == {"east": EVERYTHING}
+
+
+def test_a_machine_that_went_on_alone_brings_back_what_it_remembers_and_the_epoch_only_rises() -> None:
+    etcd = prepared()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.rows_of(3), b"[]")])
+    operations.clear(etcd, PLACE, unchanged_s=0.0)
+    with pytest.raises(ClusterUnusable, match="cluster init"):
+        EtcdStore(etcd, PLACE, SOUTH, MACHINES).load()
+    operations.prepare(etcd, PLACE, {"east": SavedLift()})
+    assert EtcdStore(etcd, PLACE, SOUTH, MACHINES).load() == {"east": SavedLift()}
+    assert operations.read_status(etcd, PLACE).key.epoch == NORTH.epoch
+    assert PLACE.rows_of(3) not in etcd.entries
+
+
+def test_nothing_is_removed_while_a_manager_renews_its_key() -> None:
+    etcd = Renewed()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.head, encode_head(Head(9, "x")))])
+    with pytest.raises(ClusterUnusable, match="a manager is active"):
+        operations.clear(etcd, PLACE, unchanged_s=0.0)
+    assert PLACE.head in etcd.entries
+
+
+class Renewed(MemoryEtcd):
+    """Its key is renewed after each transaction."""
+
+    def transact(self, compare: Sequence[Json], then: Sequence[Json], otherwise: Sequence[Json] = ()) -> Result:
+        result = super().transact(compare, then, otherwise)
+        super().transact([], [put(PLACE.active, encode_key(NORTH))])
+        return result
 
 
 def test_the_status_has_the_active_machine_and_what_each_has_copied() -> None:

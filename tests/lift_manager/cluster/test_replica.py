@@ -1,5 +1,7 @@
 """The copy on each machine: every row once and in order, the newest records, and no rows left in etcd."""
 
+from pathlib import Path
+
 import pytest
 
 from lift_manager.cluster.content import Head, Place, encode_head, encode_key
@@ -10,8 +12,10 @@ from lift_manager.cluster.store import MOST_COMMITS, EtcdStore
 from lift_manager.cluster.term import Key
 from lift_manager.lift.journal import RowKind
 from lift_manager.runtime.recorder import SavedLift
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import open_copy
 from lift_manager.store.store import MemoryStore, PendingRow
-from tests.lift_manager.store.journal_disk import press
+from tests.lift_manager.store.journal_disk import SITE, journal, press, stored
 from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD
 from tests.support.memory_etcd import MemoryEtcd
 
@@ -45,6 +49,16 @@ def test_rows_and_records_of_every_commit_are_copied_once(etcd: MemoryEtcd, acti
         replica.step(LATER)
         replica.step(LATER)
         assert (disk.rows, disk.records) == (noted(number + 1), {"east": SavedLift(RECORD)})
+
+
+def test_a_manager_that_is_alone_continues_from_the_copy(etcd: MemoryEtcd, active: EtcdStore, tmp_path: Path) -> None:
+    path = tmp_path / "site.db"
+    active.commit({"east": EVERYTHING}, noted(3))
+    replica = Replica("a", etcd, PLACE, open_copy(path, SITE, Limits(400, 500)))
+    replica.step(LATER)
+    replica.close()
+    assert journal(path).recall("east") == EVERYTHING
+    assert [row.text for row in stored(path)] == [row.row.text for row in noted(3)]
 
 
 def test_many_commits_are_copied_in_steps_and_the_records_with_the_last(etcd: MemoryEtcd, active: EtcdStore) -> None:
