@@ -46,8 +46,8 @@ LAST_COPY_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
-    """This machine of a cluster."""
+class ThisMachine:
+    """The machine of a cluster that this process runs on."""
 
     name: str
     disk: Store
@@ -57,7 +57,7 @@ class Machine:
 async def run_in_cluster(
     loaded: LoadedSite,
     sock: socket,
-    machine: Machine,
+    machine: ThisMachine,
     *,
     stop: asyncio.Event,
     ready: Callable[[], None],

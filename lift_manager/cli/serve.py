@@ -67,7 +67,7 @@ Machine = Annotated[
 class Stores:
     """The files of a site on the disk."""
 
-    committer: Committer | running_in_cluster.Machine
+    committer: Committer | running_in_cluster.ThisMachine
     """In a cluster records and journal are in etcd, and copied to this machine."""
     keys: KeyFile
 
@@ -125,7 +125,7 @@ def serve(
         raise typer.Exit(1)
 
 
-def _machine(loaded: LoadedSite, name: str | None) -> running_in_cluster.Machine:
+def _machine(loaded: LoadedSite, name: str | None) -> running_in_cluster.ThisMachine:
     """Open the copy of the store on this machine, or report why it cannot be used and exit with 1."""
     cluster, journal = cluster_of(loaded), loaded.site.journal
     try:
@@ -133,7 +133,7 @@ def _machine(loaded: LoadedSite, name: str | None) -> running_in_cluster.Machine
         disk = open_copy(store_path_of(loaded), loaded.site.name, Limits(journal.keep_days, journal.max_mb))
     except (ClusterError, StoreError) as error:
         raise fail(str(error)) from error
-    return running_in_cluster.Machine(machine, disk)
+    return running_in_cluster.ThisMachine(machine, disk)
 
 
 def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
@@ -172,7 +172,7 @@ async def _serve(
             print_lines([f"Open-RMF lift adapter: {describe_rmf(rmf)}"])
 
     faces = running.Faces(stores.keys, rmf)
-    if isinstance(stores.committer, running_in_cluster.Machine):
+    if isinstance(stores.committer, running_in_cluster.ThisMachine):
         return await running_in_cluster.run_in_cluster(
             loaded, sock, stores.committer, stop=stop, ready=ready, faces=faces
         )

@@ -144,7 +144,7 @@ class Term:
     pauses_until: float = -math.inf
     """After a request without an answer the key is not taken before this."""
     trips: tuple[float, ...] = ()
-    """How long the newest renewals took, or were waited for in vain."""
+    """How long the newest renewals took. One without an answer is none: a leader that dies would make the margin long just then."""
     released: bool = False
     """Whether the release was ordered."""
     left: int | None = None
@@ -203,8 +203,7 @@ def step(term: Term, happened: Input) -> tuple[Term, tuple[Order, ...]]:
             term, more = _take_answer(term, happened)
             return term, orders + more
         case Unanswered(_, at):
-            term = _end_request(term, at, is_renewal=term.role is not Role.STANDBY)
-            return replace(term, pauses_until=at + RENEW_S), orders
+            return replace(term, sent_at=None, pauses_until=at + RENEW_S), orders
         case Leave():
             return (replace(term, role=Role.LEAVING) if term.role is Role.ACTIVE else term), orders
         case Tick(at):

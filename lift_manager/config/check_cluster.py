@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 from lift_manager.config.problem import Key, Problem
@@ -54,10 +55,7 @@ def _check_tls(key: Key, cluster: Cluster) -> Iterator[Problem]:
         yield Problem((*key, "etcd"), "there is `tls`, and the members have http; write https")
 
 
-def cluster_cautions(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[str]:
-    """Yield what people should know of a cluster, a line each."""
-    if (cluster := site.cluster) is None:
-        return
+def _etcd_cautions(cluster: Cluster) -> Iterator[str]:
     if len(cluster.etcd) < 3:
         yield (
             f"cluster: etcd has {len(cluster.etcd)} member{'s' * (len(cluster.etcd) > 1)}, so the loss of one stops both managers;"
@@ -65,8 +63,26 @@ def cluster_cautions(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[st
         )
     elif len(cluster.etcd) % 2 == 0:
         yield f"cluster: etcd has {len(cluster.etcd)} members, of which no more may fail than of {len(cluster.etcd) - 1}"
+    named = [member for member in cluster.etcd if not _has_address(urlsplit(member).hostname or "")]
+    if named:
+        yield f"cluster: {', '.join(named)} has a name and no address: a name server that is silent would cost the term"
     if cluster.tls is None and not all(urlsplit(member).hostname in ("127.0.0.1", "::1") for member in cluster.etcd):
         yield "cluster: etcd is used without TLS: who reaches it can command the lifts, and change what the managers remember"
+
+
+def _has_address(host: str) -> bool:
+    try:
+        ip_address(host)
+    except ValueError:
+        return host == "localhost"
+    return True
+
+
+def cluster_cautions(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[str]:
+    """Yield what people should know of a cluster, a line each."""
+    if (cluster := site.cluster) is None:
+        return
+    yield from _etcd_cautions(cluster)
     for what in ("switch", "supply"):
         names = [getattr(machine, what) for machine in cluster.machines.values()]
         if None in names:

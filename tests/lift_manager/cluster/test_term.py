@@ -196,6 +196,11 @@ def test_the_margin_follows_the_slowest_usual_renewal_up_to_half_a_term() -> Non
     assert len(term.trips) == 200
 
 
+def test_a_renewal_without_an_answer_does_not_make_the_margin_longer() -> None:
+    term = active(100.0)
+    assert after(term, Sent(100.3), Unanswered(100.3, 100.8))[0].margin_s == term.margin_s
+
+
 def test_a_member_that_leaves_keeps_renewing_until_everything_is_released() -> None:
     term, orders = after(active(100.0), Leave(100.1))
     assert (term.role, orders) == (Role.LEAVING, [])

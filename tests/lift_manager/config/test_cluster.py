@@ -95,6 +95,13 @@ def test_more_lifts_than_a_commit_can_hold_are_refused(tmp_path: Path) -> None:
             ],
         ),
         (
+            [("http://127.0.0.1:2383", "http://localhost:2383"), ("http://127.0.0.1:2381", "http://one.example:2381")],
+            [
+                "cluster: http://one.example:2381 has a name and no address: a name server that is silent would cost the term",
+                "cluster: etcd is used without TLS: who reaches it can command the lifts, and change what the managers remember",
+            ],
+        ),
+        (
             [(MEMBERS, MEMBERS + ', "http://127.0.0.1:2385"')],
             ["cluster: etcd has 4 members, of which no more may fail than of 3"],
         ),
