@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from socket import socket
+from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
 from drivers.driver import LiftDriver
@@ -24,7 +25,6 @@ from drivers.modbus.units import Unit
 from drivers.modbus.wire import PymodbusWire, Wire
 from drivers.thread import in_thread
 from lift_manager.api.keys import Keys
-from lift_manager.cluster.member import ActiveTerm
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
@@ -59,6 +59,9 @@ from lift_manager.web.server import serve
 from lift_manager.web.standby import Standby, WhileActive
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.schema import LinkDefaults
+
+if TYPE_CHECKING:
+    from lift_manager.cluster.member import ActiveTerm  # a manager that is alone does not load what talks to etcd
 
 _log = logging.getLogger(__name__)
 

@@ -20,13 +20,9 @@ SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP"
 """Signals that end a tool; Windows has no SIGHUP."""
 
 
-def run(main: Coroutine[Any, Any, T], *, sends_at_once: bool = False) -> T:
-    """Run a coroutine to its end on the fastest available event loop.
-
-    `sends_at_once` is for a manager that may write only for so long: uvloop hands what was written to the kernel at the end of the
-    turn of the loop, and asyncio's own loop within the call.
-    """
-    with asyncio.Runner(loop_factory=None if sends_at_once else _new_loop) as runner:
+def run(main: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine to its end on the fastest available event loop."""
+    with asyncio.Runner(loop_factory=_new_loop) as runner:
         return runner.run(main)
 
 

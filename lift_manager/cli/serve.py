@@ -6,15 +6,14 @@ import asyncio
 import gc
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from socket import socket
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import typer
 
 from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app as running
-from lift_manager import takeover as running_in_cluster
 from lift_manager.cli.common import (
     SiteFile,
     fail,
@@ -29,18 +28,13 @@ from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
 from lift_manager.cli.serve_checks import allows_requests_without_keys, cautions, obstacles, with_checkouts
-from lift_manager.cluster.connect import cluster_of, machine_of
 from lift_manager.cluster.errors import ClusterError
 from lift_manager.config.load import LoadedSite
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.plain.text import counted
 from lift_manager.rmf.dds import DdsError
-from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
-from lift_manager.store.retention import Limits
-from lift_manager.store.site import open_copy
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
@@ -63,13 +57,12 @@ Machine = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class Stores:
-    """The files of a site on the disk."""
+class Run(Protocol):
+    """Serves a site on its socket until `stop` is set; returns whether the release of every output was verified."""
 
-    committer: Committer | running_in_cluster.ThisMachine
-    """In a cluster records and journal are in etcd, and copied to this machine."""
-    keys: KeyFile
+    async def __call__(self, *, stop: asyncio.Event, ready: Callable[[], None], faces: running.Faces) -> bool:
+        """Run."""
+        ...
 
 
 def serve(
@@ -107,16 +100,15 @@ def serve(
     loaded = with_checkouts(loaded)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
     api = loaded.site.api
-    committer = open_store_or_exit(loaded) if loaded.site.cluster is None else _machine(loaded, machine)
+    run_on = _run(loaded, machine)
     try:
         sock = listen(api.host, api.port if port is None else port)
     except ListenError as error:
         raise fail(str(error)) from error
     with sock:
-        stores = Stores(committer, _keys(loaded, sock))
+        faces = running.Faces(_keys(loaded, sock), settings)
         try:
-            serving = _serve(loaded, sock, stores, settings, stopped_early)
-            released = run(serving, sends_at_once=loaded.site.cluster is not None)
+            released = run(_serve(loaded, sock, run_on(sock), faces, stopped_early))
         except* DdsError as group:
             raise report_join_failure(group.exceptions[0]) from group
         except* (ControllerTaken, LockUnusable, ListenError, ClusterError) as group:
@@ -125,15 +117,16 @@ def serve(
         raise typer.Exit(1)
 
 
-def _machine(loaded: LoadedSite, name: str | None) -> running_in_cluster.ThisMachine:
-    """Open the copy of the store on this machine, or report why it cannot be used and exit with 1."""
-    cluster, journal = cluster_of(loaded), loaded.site.journal
-    try:
-        machine = machine_of(cluster if name is None else cluster.model_copy(update={"machine": name}))
-        disk = open_copy(store_path_of(loaded), loaded.site.name, Limits(journal.keep_days, journal.max_mb))
-    except (ClusterError, StoreError) as error:
-        raise fail(str(error)) from error
-    return running_in_cluster.ThisMachine(machine, disk)
+def _run(loaded: LoadedSite, machine: str | None) -> Callable[[socket], Run]:
+    """Open the store of a site, and return what runs its manager on a socket; or report why it cannot be opened, and exit with 1."""
+    if loaded.site.cluster is not None:
+        from lift_manager.cli.serve_in_cluster import this_machine  # noqa: PLC0415  loads what talks to etcd
+        from lift_manager.takeover import run_in_cluster  # noqa: PLC0415
+
+        here = this_machine(loaded, machine)
+        return lambda sock: partial(run_in_cluster, loaded, sock, here)
+    committer = open_store_or_exit(loaded)
+    return lambda sock: partial(running.run, loaded, sock, recorder=committer)
 
 
 def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
@@ -154,7 +147,7 @@ def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
 
 
 async def _serve(
-    loaded: LoadedSite, sock: socket, stores: Stores, rmf: RosSettings | None, stopped_early: Callable[[], bool]
+    loaded: LoadedSite, sock: socket, run_site: Run, faces: running.Faces, stopped_early: Callable[[], bool]
 ) -> bool:
     stop = asyncio.Event()
     stop_on_signals(stop)
@@ -168,12 +161,7 @@ async def _serve(
         gc.freeze()  # a full collection of all that lives as long as the process would stop every lift for a tenth of a second
         where = f"{scheme}://{host}:{port}/docs"
         out.print(f"{loaded.site.name}: {counted(len(loaded.site.lifts), 'lift')} on {where}", highlight=False)
-        if rmf is not None:
-            print_lines([f"Open-RMF lift adapter: {describe_rmf(rmf)}"])
+        if faces.rmf is not None:
+            print_lines([f"Open-RMF lift adapter: {describe_rmf(faces.rmf)}"])
 
-    faces = running.Faces(stores.keys, rmf)
-    if isinstance(stores.committer, running_in_cluster.ThisMachine):
-        return await running_in_cluster.run_in_cluster(
-            loaded, sock, stores.committer, stop=stop, ready=ready, faces=faces
-        )
-    return await running.run(loaded, sock, stop=stop, ready=ready, recorder=stores.committer, faces=faces)
+    return await run_site(stop=stop, ready=ready, faces=faces)

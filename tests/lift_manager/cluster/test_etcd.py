@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from lift_manager.cluster.connect import etcd_of
 from lift_manager.cluster.errors import EtcdRefused, EtcdUnavailable
 from lift_manager.cluster.etcd import Etcd, has_revision, has_value, put, read, read_all, remove_upto
+from lift_manager.config.site import Cluster
 from tests.support.etcd import Certificates, Members, answers, etcd_members
 from tests.support.memory_etcd import MemoryEtcd
 from tests.support.programs import eventually
@@ -143,7 +145,10 @@ def test_only_a_certificate_of_the_same_authority_is_admitted(tmp_path: Path) ->
         return made
 
     with etcd_members(tmp_path, tls=files["ours"]) as members:
-        etcd = Etcd(members.urls, tls=context(files["ours"]), timeout_s=5.0)
+        tls = {"ca": "ours-ca.pem", "certificate": "ours.pem", "key": "ours.key"}
+        machines = {"north": {"address": "http://10.0.0.1:5003"}}
+        cluster = Cluster.model_validate({"machines": machines, "etcd": members.urls, "tls": tls})
+        etcd = etcd_of(cluster, tmp_path, timeout_s=5.0)
         assert eventually(lambda: _answers(etcd))
         for own in (None, files["others"]):
             stranger = Etcd(members.urls, tls=context(own), timeout_s=5.0)

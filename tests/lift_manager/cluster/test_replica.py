@@ -1,5 +1,7 @@
 """The copy on each machine: every row once and in order, the newest records, and no rows left in etcd."""
 
+import asyncio
+import itertools
 from pathlib import Path
 
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from lift_manager.cluster.content import Head, Place, encode_head, encode_key
 from lift_manager.cluster.errors import EtcdUnavailable
 from lift_manager.cluster.etcd import put, read_all
-from lift_manager.cluster.replica import COMMITS_AT_ONCE, Replica
+from lift_manager.cluster.replica import COMMITS_AT_ONCE, Replica, copy_all
 from lift_manager.cluster.store import MOST_COMMITS, EtcdStore
 from lift_manager.cluster.term import Key
 from lift_manager.lift.journal import RowKind
@@ -15,9 +17,11 @@ from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import open_copy
 from lift_manager.store.store import MemoryStore, PendingRow
+from tests.lift_manager.cluster.test_member import AtOnce
 from tests.lift_manager.store.journal_disk import SITE, journal, press, stored
 from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD
 from tests.support.memory_etcd import MemoryEtcd
+from tests.support.virtual_time import elapse, run_virtual
 
 PLACE = Place("Main hospital")
 KEY = Key(0, 1, "a", "http://a:5003")
@@ -123,3 +127,28 @@ def test_an_etcd_that_was_never_prepared_has_nothing_to_copy() -> None:
     disk = MemoryStore()
     assert Replica("a", MemoryEtcd(), PLACE, disk).step(LATER) == (0, False)
     assert (disk.rows, disk.records) == ([], {})
+
+
+def test_what_cannot_be_copied_is_logged_once_and_copied_later(
+    etcd: MemoryEtcd, active: EtcdStore, caplog: pytest.LogCaptureFixture
+) -> None:
+    disk = MemoryStore()
+
+    async def check() -> None:
+        ended = asyncio.Event()
+        etcd.lose = itertools.repeat("request")
+        copying = asyncio.create_task(
+            copy_all(Replica("a", etcd, PLACE, disk), ended, jobs=AtOnce, now_us=lambda: LATER)
+        )
+        await elapse(5.0)
+        etcd.lose = iter(())
+        active.commit({}, noted(1))
+        await elapse(1.0)
+        assert disk.rows == noted(1)
+        active.commit({}, noted(1, 2))
+        ended.set()
+        await copying
+
+    run_virtual(check)
+    assert disk.rows == noted(2)
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
