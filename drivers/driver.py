@@ -124,7 +124,10 @@ class LiftDriver(Protocol):
         ...
 
     def fence(self, until: float) -> None:
-        """Write nothing at or after this monotonic time, not even releases; a later time lifts the fence."""
+        """Write nothing at or after this monotonic time, not even releases; a later time lifts the fence.
+
+        Time for which the computer is suspended counts as well.
+        """
         ...
 
     def signals(self, now: float) -> tuple[SignalValue, ...]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from socket import socket
+from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
 from drivers.driver import LiftDriver
@@ -32,7 +33,7 @@ from lift_manager.config.tls import path_of, tls_cautions
 from lift_manager.hub.site_face import HubSettings, SiteFace
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.hours import RobotHours
-from lift_manager.lift.journal import Row
+from lift_manager.lift.session import CLEAR_AT_STOP_S
 from lift_manager.lift.state import Quality
 from lift_manager.metrics.metrics import Metrics
 from lift_manager.plain.text import counted
@@ -43,7 +44,7 @@ from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import RunningAdapter
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus, Event
-from lift_manager.runtime.journal import manager_ended, manager_started
+from lift_manager.runtime.journal import manager_ended, manager_handed_over, manager_started, manager_took_over
 from lift_manager.runtime.life import SiteLife
 from lift_manager.runtime.links import WireFrame
 from lift_manager.runtime.progress import patience_s
@@ -56,8 +57,12 @@ from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.limits import connections_limit
 from lift_manager.web.server import serve
+from lift_manager.web.standby import Standby, WhileActive
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.schema import LinkDefaults
+
+if TYPE_CHECKING:
+    from lift_manager.cluster.member import ActiveTerm  # a manager that is alone does not load what talks to etcd
 
 _log = logging.getLogger(__name__)
 
@@ -116,8 +121,12 @@ class ManagerParts:
     """Carries all events; faces subscribe through the site."""
 
 
-def network_wires(folder: Path) -> Callable[[Controller], Wire]:
-    """Return a factory of wires as configured in a site file, with or without TLS; `folder` is that of the file."""
+def network_wires(folder: Path, term: ActiveTerm | None = None) -> Callable[[Controller], Wire]:
+    """Return a factory of wires as configured in a site file, with or without TLS; `folder` is that of the file.
+
+    In a cluster nothing is sent, or sent again by the kernel, after the `term`.
+    """
+    remaining_s = None if term is None else lambda: term.remaining_s
 
     @cache  # one for all connections of a link: it caches the files
     def tls_of(controller: Controller) -> LinkTls | None:
@@ -128,7 +137,9 @@ def network_wires(folder: Path) -> Callable[[Controller], Wire]:
         )
         return LinkTls(ca=ca, certificate=certificate, key=key, server_name=tls_settings.server_name)
 
-    return lambda controller: PymodbusWire(controller.host, controller.port, tls=tls_of(controller))
+    return lambda controller: PymodbusWire(
+        controller.host, controller.port, tls=tls_of(controller), remaining_s=remaining_s
+    )
 
 
 def build(
@@ -196,18 +207,21 @@ async def run(
     ready: Callable[[], None],
     recorder: Recorder | None = None,
     faces: Faces | None = None,
+    term: ActiveTerm | None = None,
 ) -> bool:
     """Serve a site on a listening socket until `stop` is set; returns whether the release of every output was verified.
+
+    In a cluster it also ends with the `term` of this machine, after which nothing is written.
 
     Raises ControllerTaken, LockUnusable, ListenError for unusable certificates, or DdsError, before anything starts.
     """
     faces = faces or Faces()
-    tls = _server_certificates(loaded)
+    tls = server_certificates(loaded)
     with ExitStack() as ends:
         for controller in loaded.controllers.values():
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
-        parts = _tapped(build(loaded, recorder=recorder), faces.on_frame, ends)
-        systemd, site, life = notifier(), parts.site, parts.life
+        parts = _tapped(_build_for(term, loaded, recorder), faces.on_frame, ends)
+        systemd, life = notifier(), parts.life
         adapter = _adapter(parts, faces.rmf, ends)
         crashes: list[Exception] = []
 
@@ -220,25 +234,25 @@ async def run(
                 stop.set()
 
         async with asyncio.TaskGroup() as tasks:
-            parts.recorder.note(_start_row(loaded))
+            _note_start(parts.recorder, loaded, term)
             polling = tasks.create_task(guarded(life.run()))
             background = _background_tasks(parts, loaded, faces, tls, adapter)
             running = [tasks.create_task(guarded(task)) for task in background]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_READING_S):
                     await life.first_look()
-            serving = tasks.create_task(guarded(_serve(parts, loaded, faces.keys, sock, tls)))
+            serving = tasks.create_task(guarded(_serve(parts, loaded, faces.keys, sock, tls, term)))
             patience_s_of = poll_patience_s(loaded, parts.links) if systemd.is_enabled else {}
             watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts)))
             running.append(tasks.create_task(watching))
             ready()
-            await stop.wait()
-            systemd.send("STOPPING=1", "STATUS=releasing everything")
+            await _first_of(stop, stop if term is None else term.ends)
+            if stop.is_set():
+                systemd.send("STOPPING=1", "STATUS=releasing everything")
             if adapter is not None:
                 # before a door is released: no robot may begin to drive in
                 adapter.go_offline()
-            released = await _release_outputs(parts)
-            parts.recorder.note(manager_ended(released=released, commands=bool(_commandable_lifts(site))))
+            released = await _end(parts, term)
             serving.cancel()
             await _flush_journal(parts.recorder, polling)
             for task in running:
@@ -316,10 +330,22 @@ def poll_patience_s(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, fl
     return found
 
 
-def _start_row(loaded: LoadedSite) -> Row:
+def _build_for(term: ActiveTerm | None, loaded: LoadedSite, recorder: Recorder | None) -> ManagerParts:
+    """Assemble a manager; in a cluster it writes only while its term lasts."""
+    if term is None:
+        return build(loaded, recorder=recorder)
+    parts = build(loaded, network_wires(loaded.path.parent, term), recorder=recorder)
+    for actor in parts.actors:
+        term.follow(actor.driver.fence)
+    return parts
+
+
+def _note_start(recorder: Recorder, loaded: LoadedSite, term: ActiveTerm | None) -> None:
     lifts = loaded.site.lifts.items()
     maps = {name: (lift.access, loaded.maps[name].map.name, loaded.maps[name].sha256) for name, lift in lifts}
-    return manager_started(running_version(), maps, loaded.checkouts)
+    recorder.note(manager_started(running_version(), maps, loaded.checkouts))
+    if term is not None:
+        recorder.note(manager_took_over(term.key.owner, term.key.epoch))
 
 
 async def warn_of_expiry(loaded: LoadedSite, *, every_s: float = WARN_EVERY_S) -> None:
@@ -350,7 +376,8 @@ async def renew_certificates(tls: ServerCertificates, *, within_s: float = CHECK
             timer.cancel()
 
 
-def _server_certificates(loaded: LoadedSite) -> ServerCertificates | None:
+def server_certificates(loaded: LoadedSite) -> ServerCertificates | None:
+    """Return the certificates of HTTPS; None for HTTP. Raises ListenError for unusable ones."""
     tls_settings, folder = loaded.site.api.tls, loaded.path.parent
     if tls_settings is None:
         return None
@@ -367,7 +394,12 @@ def _status_text(parts: ManagerParts) -> str:
 
 
 async def _serve(
-    parts: ManagerParts, loaded: LoadedSite, keys: Keys | None, sock: socket, tls: ServerCertificates | None
+    parts: ManagerParts,
+    loaded: LoadedSite,
+    keys: Keys | None,
+    sock: socket,
+    tls: ServerCertificates | None,
+    term: ActiveTerm | None,
 ) -> None:
     api = loaded.site.api
     web = make_app(
@@ -379,13 +411,55 @@ async def _serve(
         simulated=loaded.simulated,
         announcements=loaded.announcements(),
     )
-    await serve(web, sock, tls=tls, limits=ConnectionLimits.of(connections_limit(), api.trusted_proxies))
+    limits = ConnectionLimits.of(connections_limit(), api.trusted_proxies)
+    if term is None:
+        await serve(web, sock, tls=tls, limits=limits)
+    else:
+        nobody = Standby(lambda: "", lambda: "")
+        await serve(WhileActive(web, lambda: term.remaining_s, nobody), sock, tls=tls, limits=limits)
 
 
-async def _release_outputs(parts: ManagerParts) -> bool:
+async def _first_of(*events: asyncio.Event) -> None:
+    """Return once one of these is set."""
+    waiting = [asyncio.ensure_future(event.wait()) for event in events]
+    try:
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for wait in waiting:
+            wait.cancel()
+
+
+async def _end(parts: ManagerParts, term: ActiveTerm | None) -> bool:
+    """Release everything, unless the other machine of a cluster continues with it; returns whether nothing is left to do."""
+    if term is not None and term.handed_over_by:
+        parts.site.begin_stopping()
+        parts.recorder.note(manager_handed_over(term.key.owner, term.handed_over_by))
+        return True
+    released = await (_release_outputs(parts) if term is None else _release_in_term(parts, term))
+    parts.recorder.note(manager_ended(released=released, commands=bool(_commandable_lifts(parts.site))))
+    return released
+
+
+async def _release_in_term(parts: ManagerParts, term: ActiveTerm) -> bool:
+    """Release everything as far as the term lasts."""
+    clear_s = min(CLEAR_AT_STOP_S, term.clear_s) if term.ends.is_set() else CLEAR_AT_STOP_S
+    releasing = asyncio.ensure_future(_release_outputs(parts, clear_s, term.releases))
+    over = asyncio.ensure_future(term.over.wait())
+    try:
+        await asyncio.wait([releasing, over], return_when=asyncio.FIRST_COMPLETED)
+        return releasing.result() if releasing.done() else False
+    finally:
+        for task in (releasing, over):
+            task.cancel()
+        await asyncio.wait([releasing, over])
+
+
+async def _release_outputs(
+    parts: ManagerParts, clear_s: float = CLEAR_AT_STOP_S, hurry: asyncio.Event | None = None
+) -> bool:
     site, life = parts.site, parts.life
     commandable = _commandable_lifts(site)
-    waited = await life.clear_doors()
+    waited = await life.clear_doors(clear_s, hurry)
     _log.info(
         "stopping: %s", "releasing everything" if commandable else "nothing is held, every lift is only monitored"
     )

@@ -19,6 +19,7 @@ TESTS = Path(__file__).parent
 LONGEST = (
     "test_benchmarks.py",
     "campaigns/test_crash.py",
+    "campaigns/test_takeover.py",
     "lift_manager/commissioning/learn/test_codings.py",
     "lift_manager/lab/test_pytest_plugin.py",
     "lift_manager/commissioning/learn/test_shipped_maps.py",

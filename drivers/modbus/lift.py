@@ -261,7 +261,7 @@ class ModbusLift:
 
     def fence(self, until: float) -> None:
         """Write nothing at or after this time."""
-        self._units.fence_at = until
+        self._units.fence(until)
         self._worker.wake()
 
     async def released(self) -> None:

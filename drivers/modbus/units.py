@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+from drivers.clock import suspended_s
 from drivers.errors import ACCEPTED, ControllerException
 from drivers.modbus.declared_writes import DeclaredWrites
 from drivers.modbus.link import Link, LinkState
@@ -28,17 +29,29 @@ class Unit:
 class Units:
     """Every device of one lift, by endpoint; the controller's endpoint is empty."""
 
-    def __init__(self, controller: Unit, endpoints: Mapping[str, Unit]) -> None:
-        """`endpoints` as the map names them."""
+    def __init__(
+        self, controller: Unit, endpoints: Mapping[str, Unit], *, suspended_s: Callable[[], float] = suspended_s
+    ) -> None:
+        """`endpoints` as the map names them. `suspended_s` returns for how long the computer was suspended."""
         self._units = {"": controller, **endpoints}
         self._links = tuple(dict.fromkeys(unit.link for unit in self._units.values()))
-        self.fence_at = math.inf
-        """From this loop time on nothing is written."""
+        self._fence_at = math.inf
+        self._suspended_s = suspended_s
+        self._suspended_before_s = 0.0
+        """For how long it was suspended when the fence was set."""
+
+    def fence(self, until: float) -> None:
+        """Write nothing from this loop time on, or earlier by the time for which the computer is suspended until then."""
+        self._fence_at = until
+        self._suspended_before_s = 0.0 if math.isinf(until) else self._suspended_s()
 
     @property
     def is_fenced(self) -> bool:
         """Whether nothing may be written now."""
-        return asyncio.get_running_loop().time() >= self.fence_at
+        if self._fence_at == math.inf:
+            return False
+        slept_s = self._suspended_s() - self._suspended_before_s
+        return asyncio.get_running_loop().time() + slept_s >= self._fence_at
 
     def declare(self, commands: Iterable[CommandCodec]) -> None:
         """Allow the links to write these commands, in addition to those that other lifts have declared, and nothing else."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import struct
 from collections.abc import Callable
 from functools import partial
 from typing import Protocol
@@ -79,8 +80,20 @@ class Wire(Protocol):
 class PymodbusWire:
     """A wire over TCP, with or without TLS, on the transport layer of pymodbus."""
 
-    def __init__(self, host: str, port: int = 502, *, tls: LinkTls | None = None) -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int = 502,
+        *,
+        tls: LinkTls | None = None,
+        remaining_s: Callable[[], float] | None = None,
+    ) -> None:
+        """`remaining_s` returns for how long this manager may still send; bytes that were not acknowledged by then are dropped.
+
+        None for a manager that is alone, whose kernel may send them again for minutes, even after the manager was killed.
+        """
         self.on_bytes: OnBytes | None = None
+        self.remaining_s = remaining_s
         self._host = host
         self._port = port
         self._tls = tls
@@ -125,7 +138,7 @@ class PymodbusWire:
             connection.abort()
 
     def send(self, frame: bytes) -> None:
-        if self._connection is None:
+        if self._connection is None or (self.remaining_s is not None and self.remaining_s() <= 0):
             return
         if self.on_bytes is not None:
             self.on_bytes(True, frame)
@@ -182,7 +195,15 @@ class _Connection(ModbusProtocol):
         # that the whole process shares.
         self._rest_is_old = bool(self._rest)
         if self.transport is not None:
+            self._limit_repetition()
             self.transport.write(frame)  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
+
+    def _limit_repetition(self) -> None:
+        """Let the kernel send bytes again for no longer than this manager may send."""
+        if self._wire.remaining_s is not None:
+            remaining_ms = max(int(self._wire.remaining_s() * 1000), 1)  # 0 would be the default of the system, minutes
+            connected = self.transport.get_extra_info("socket")
+            connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, remaining_ms)
 
     def abort(self) -> None:
         """Drop the connection. `close` alone would wait until a silent peer has received all unsent data."""
@@ -202,6 +223,9 @@ class _Connection(ModbusProtocol):
         connected = self.transport.get_extra_info("socket")
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        if self._wire.remaining_s is not None:
+            # whatever ends this process, the connection is reset, and what was not sent is dropped
+            connected.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
 
     def callback_disconnected(self, exc: Exception | None) -> None:
         self._aborted = True

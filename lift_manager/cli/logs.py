@@ -36,6 +36,7 @@ def log_to(stream: TextIO, form: LogFormat) -> logging.Handler:
     handler.setFormatter(_FORMATTERS[form]())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     logging.getLogger("pymodbus").setLevel(logging.ERROR)
+    logging.getLogger("httpx").setLevel(logging.WARNING)  # it logs every request, several a second in a cluster
     return handler
 
 

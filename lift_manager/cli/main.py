@@ -33,6 +33,8 @@ COMMANDS = {
     "drain": "operate:drain",
     "release": "operate:release",
     "audit": "audit:audit",
+    "cluster": "cluster:app",
+    "handover": "cluster:handover",
     "maps": "maps:app",
     "network": "network:show",
     "backup": "backup:backup",
@@ -58,6 +60,8 @@ SUMMARIES = {
         "network": "Show what the owner's network should let through.",
         "rmf": "Run the Open-RMF adapter without ROS, or inspect messages.",
         "hub": "Serve the lifts of many sites, or manage the sites.",
+        "cluster": "Prepare and inspect the two machines of a site.",
+        "handover": "Let the standby take over, without releasing anything.",
     },
     "Commission a lift": {
         "init": "Write the site file of a first lift.",

@@ -6,9 +6,9 @@ import asyncio
 import gc
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from socket import socket
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import typer
 
@@ -29,6 +29,7 @@ from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
 from lift_manager.cli.serve_checks import allows_requests_without_keys, cautions, obstacles, with_checkouts
+from lift_manager.cluster.errors import ClusterError
 from lift_manager.config.hub import hub_password
 from lift_manager.config.load import LoadedSite
 from lift_manager.hub.connection import require_nats
@@ -37,7 +38,6 @@ from lift_manager.hub.site_face import HubSettings
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.plain.text import counted
 from lift_manager.rmf.dds import DdsError
-from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
 from lift_manager.web.errors import ListenError
@@ -56,12 +56,18 @@ NO_WORKERS = (
 """Web servers offer `--workers`, so people try it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stores:
-    """The files of a site on the disk."""
+Machine = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="In a cluster: which machine this is, instead of the host name."),
+]
 
-    committer: Committer
-    keys: KeyFile
+
+class Run(Protocol):
+    """Serves a site on its socket until `stop` is set; returns whether the release of every output was verified."""
+
+    async def __call__(self, *, stop: asyncio.Event, ready: Callable[[], None], faces: running.Faces) -> bool:
+        """Run."""
+        ...
 
 
 def serve(
@@ -74,6 +80,7 @@ def serve(
         bool,
         typer.Option("--rmf", help="Also run the Open-RMF lift adapter of these lifts, with `rmf` of the site file."),
     ] = False,
+    machine: Machine = None,
     log_format: LogOption = LogFormat.HUMAN,
     workers: Annotated[int | None, typer.Option(hidden=True)] = None,
 ) -> None:
@@ -99,21 +106,33 @@ def serve(
     settings = settings_of_site(loaded.site.rmf) if rmf else None
     hub = _hub_settings(loaded)
     api = loaded.site.api
-    committer = open_store_or_exit(loaded)
+    run_on = _run(loaded, machine)
     try:
         sock = listen(api.host, api.port if port is None else port)
     except ListenError as error:
         raise fail(str(error)) from error
     with sock:
-        stores = Stores(committer, _keys(loaded, sock))
+        faces = running.Faces(_keys(loaded, sock), settings, hub)
         try:
-            released = run(_serve(loaded, sock, stores, running.Faces(stores.keys, settings, hub), stopped_early))
+            released = run(_serve(loaded, sock, run_on(sock), faces, stopped_early))
         except* DdsError as group:
             raise report_join_failure(group.exceptions[0]) from group
-        except* (ControllerTaken, LockUnusable, ListenError) as group:
+        except* (ControllerTaken, LockUnusable, ListenError, ClusterError) as group:
             raise fail(str(group.exceptions[0])) from group
     if not released:
         raise typer.Exit(1)
+
+
+def _run(loaded: LoadedSite, machine: str | None) -> Callable[[socket], Run]:
+    """Open the store of a site, and return what runs its manager on a socket; or report why it cannot be opened, and exit with 1."""
+    if loaded.site.cluster is not None:
+        from lift_manager.cli.serve_in_cluster import this_machine  # noqa: PLC0415  loads what talks to etcd
+        from lift_manager.takeover import run_in_cluster  # noqa: PLC0415
+
+        here = this_machine(loaded, machine)
+        return lambda sock: partial(run_in_cluster, loaded, sock, here)
+    committer = open_store_or_exit(loaded)
+    return lambda sock: partial(running.run, loaded, sock, recorder=committer)
 
 
 def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
@@ -148,7 +167,7 @@ def _hub_settings(loaded: LoadedSite) -> HubSettings | None:
 
 
 async def _serve(
-    loaded: LoadedSite, sock: socket, stores: Stores, faces: running.Faces, stopped_early: Callable[[], bool]
+    loaded: LoadedSite, sock: socket, run_site: Run, faces: running.Faces, stopped_early: Callable[[], bool]
 ) -> bool:
     stop = asyncio.Event()
     stop_on_signals(stop)
@@ -167,4 +186,4 @@ async def _serve(
         if faces.hub is not None:
             print_lines([f"hub: site {faces.hub.site}, over the leaf node {faces.hub.server}"])
 
-    return await running.run(loaded, sock, stop=stop, ready=ready, recorder=stores.committer, faces=faces)
+    return await run_site(stop=stop, ready=ready, faces=faces)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
+from lift_manager.config.check_cluster import check_cluster
 from lift_manager.config.check_devices import check_devices
 from lift_manager.config.check_floors import check_floors
 from lift_manager.config.check_outputs import check_outputs
@@ -49,6 +50,7 @@ def check_site(
         problems += _check_clear_times(key, site, lift, plain_maps.get(name), for_rmf=for_rmf)
     problems += _check_silence(site, {name: plain_maps[name] for name in known if name in plain_maps}, needs)
     problems += check_outputs(site, {name: maps[name] for name in known if name in maps})
+    problems += check_cluster(site, {name: plain_maps[name] for name in known if name in plain_maps})
     return problems
 
 

@@ -1,4 +1,4 @@
-"""The password with which a site reaches its leaf node: what is wrong with its file, and the password itself."""
+"""Checks the `hub` of a site file, and reads the password with which a site reaches its leaf node."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ def hub_problems(site: Site, folder: Path) -> list[Problem]:
     """Return every reason why the file cannot be used."""
     if site.hub is None:
         return []
+    if site.cluster is not None:
+        message = "a site with a `cluster` cannot take part in a hub yet: each of its machines has a journal of its own"
+        return [Problem(("hub",), message)]
     path = path_of(folder, site.hub.password)
     try:
         text, mode = path.read_text("utf-8"), path.stat().st_mode

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lift_manager.config.announcements import announcement_cautions, find_announcements
 from lift_manager.config.check import check_site
+from lift_manager.config.check_cluster import cluster_cautions
 from lift_manager.config.check_floors import unused_codes
 from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.devices import POLL_RIDDEN_S, POLL_S, Device, devices, least_poll_s, links
@@ -48,6 +49,7 @@ _STAND_INS: StandIns = {
             ("journal",),
             ("hub",),
             ("timezone",),
+            ("cluster",),
             ("state",),
         ],
         LEFT_OUT,
@@ -118,6 +120,7 @@ class LoadedSite:
         yield from tls_cautions(self.site, self.path.parent)
         if self._announcements_folder is not None:
             yield from announcement_cautions(self._announcements_folder)
+        yield from cluster_cautions(self.site, {name: loaded.map for name, loaded in self.maps.items()})
         for unused in self.site.controllers.keys() - self.controllers.keys():
             yield f"{unused}: no lift is on this controller; it is left alone"
         for name, controller in self.site.controllers.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
@@ -147,6 +148,17 @@ def _is_address(text: str) -> bool:
         return False
     return True
 
+
+def _url(text: str) -> str:
+    """Refuse what is no base URL of an HTTP server."""
+    parts = urlsplit(text)
+    if parts.scheme not in ("http", "https") or not parts.hostname or parts.path not in ("", "/") or parts.query:
+        raise PydanticCustomError("url", "must be a URL such as https://192.0.2.11:2379, without a path")
+    return text.rstrip("/")
+
+
+MACHINE = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+"""The name of a machine: a host name is one."""
 
 Host = Annotated[Text, AfterValidator(_host)]
 
@@ -415,6 +427,40 @@ class Hub(_Part):
     """Whether users with a key of this site may command its lifts through the hub."""
 
 
+class Machine(_Part):
+    """One of the two machines of a cluster."""
+
+    address: Annotated[Text, AfterValidator(_url)]
+    """Where clients reach its manager, such as https://192.0.2.11:5003."""
+    switch: Text | None = None
+    """The network switch that it hangs on, for a warning if that is the other one's as well."""
+    supply: Text | None = None
+    """Its power supply, likewise."""
+
+
+class ClusterTls(_Part):
+    """The CA of the members of etcd, and the certificate of the manager. Files in PEM form."""
+
+    ca: FileName
+    certificate: FileName
+    key: FileName
+
+
+class Cluster(_Part):
+    """Two managers of which one is active."""
+
+    machines: dict[Annotated[Text, StringConstraints(pattern=MACHINE)], Machine]
+    """By name. Both machines have the same site file."""
+    machine: Text | None = None
+    """The name of this machine; by default its host name."""
+    etcd: tuple[Annotated[Text, AfterValidator(_url)], ...] = Field(min_length=1)
+    """The client URLs of its members."""
+    tls: ClusterTls | None = None
+    """Needed for https."""
+    accept_latching: dict[Text, Text] = Field(default_factory=dict)
+    """Why it is acceptable, by lift, that a write of a manager that was just replaced puts an output on that stays on."""
+
+
 class Journal(_Part):
     """The limits of the journal. The oldest rows are removed first."""
 
@@ -441,6 +487,8 @@ class Site(_Part):
     rmf: Rmf = Rmf()
     hub: Hub | None = None
     """By default there is none."""
+    cluster: Cluster | None = None
+    """The other machine, and the etcd that decides which of the two is active; by default this manager is alone."""
     controllers: dict[Text, Controller] = Field(min_length=1)
     lifts: dict[str, Lift] = Field(min_length=1)
     """By name. `check_site` checks the names, so that a wrong one does not hide other mistakes."""

@@ -83,6 +83,9 @@ def tls_lines(site: Site, folder: Path) -> Iterator[str]:
                 names = ", ".join(_subject_names(certificate)) or "nothing"
                 yield f"{pair.owner}: HTTPS, certificate for {names}, until {until}"
                 continue
+            if pair.key[0] == "cluster":
+                yield f"{pair.owner}: etcd over TLS, certificate until {until}"
+                continue
             role = _role(certificate)
             role_text = "without a role" if role is None else f"as {role!r}"
             yield f"{pair.owner}: Modbus/TCP Security, {role_text}, certificate until {until}"
@@ -93,6 +96,10 @@ def _tls_files(site: Site, folder: Path) -> Iterator[_TlsFiles]:
         ca = None if api.client_ca is None else path_of(folder, api.client_ca)
         own_certificate, key = path_of(folder, api.certificate), path_of(folder, api.key)
         yield _TlsFiles(("api", "tls"), "api", own_certificate, key, ca, "client_ca")
+    if site.cluster is not None and (link_to_etcd := site.cluster.tls) is not None:
+        own_certificate, key = path_of(folder, link_to_etcd.certificate), path_of(folder, link_to_etcd.key)
+        ca = path_of(folder, link_to_etcd.ca)
+        yield _TlsFiles(("cluster", "tls"), "cluster", own_certificate, key, ca, "ca")
     for name, controller in site.controllers.items():
         if (link := controller.tls) is not None:
             own_certificate, key = path_of(folder, link.certificate), path_of(folder, link.key)

@@ -277,6 +277,18 @@ def manager_started(
     return Row(RowKind.MANAGER, text, data={"version": version, "lifts": lifts})
 
 
+def manager_took_over(machine: str, epoch: int) -> Row:
+    """Return the row of the manager of a cluster that has become active."""
+    text = f"the manager on {machine} is active, in epoch {epoch}"
+    return Row(RowKind.MANAGER, text, data={"machine": machine, "epoch": epoch})
+
+
+def manager_handed_over(machine: str, by: str) -> Row:
+    """Return the last row of a manager that hands its lifts to the other machine; the other one finds on what it left on."""
+    text = f"the manager on {machine} hands over, as {by} has requested; what is on stays on"
+    return Row(RowKind.MANAGER, text, caller=by, data={"machine": machine})
+
+
 def manager_ended(*, released: bool, commands: bool) -> Row:
     """Return the last row of an orderly end; `commands` tells whether it may command any lift."""
     rest = "everything held is released and verified" if released else "not every output could be verified as released"

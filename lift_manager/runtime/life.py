@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine, Iterable, Mapping
+from contextlib import suppress
 
 from lift_manager.lift import doors
 from lift_manager.lift.freshness import fresh
 from lift_manager.lift.inputs import AnnounceStop, Stop
+from lift_manager.lift.session import CLEAR_AT_STOP_S
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.poll import LiftPoll
 from lift_manager.runtime.site import Site
@@ -59,18 +61,20 @@ class SiteLife:
         """Return how many polls of each lift have ended, well or not."""
         return {name: poll.polls for name, poll in self._polls.items()}
 
-    async def clear_doors(self) -> bool:
+    async def clear_doors(self, clear_s: float = CLEAR_AT_STOP_S, hurry: asyncio.Event | None = None) -> bool:
         """Refuse everything from now on and withdraw OPEN; return once no robot needs a held door, and whether one did.
 
-        `stop` comes next. This waits for `session.CLEAR_AT_STOP_S` at most.
+        `stop` comes next. This waits for `clear_s` at most, and not once `hurry` is set.
         """
         self._site.begin_stopping()
         for actor in self._actors:
-            actor.handle(AnnounceStop())
-        waited = False
-        while any(is_clearing(actor) for actor in self._actors):
+            actor.handle(AnnounceStop(clear_s))
+        waited, hurry = False, hurry or asyncio.Event()
+        while any(is_clearing(actor) for actor in self._actors) and not hurry.is_set():
             waited = True
-            await asyncio.sleep(CLEARING_LOOK_S)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(CLEARING_LOOK_S):
+                    await hurry.wait()
         return waited
 
     async def stop(self) -> None:

@@ -54,6 +54,21 @@ def open_store(  # noqa: PLR0913  every argument after the site is a setting wit
     return committer
 
 
+def open_copy(path: Path, site: str, limits: Limits) -> SqliteStore:
+    """Open the copy of a store that two machines share, for as long as it lives. Raises StoreUnusable."""
+    _require_own_folder(path)
+    lock, store = claim(path), SqliteStore(path, site, limits)
+    try:
+        store.load()
+    except StoreUnusable:
+        if lock is not None:
+            os.close(lock)
+        raise
+    if lock is not None:
+        finalize(store, os.close, lock)
+    return store
+
+
 def read_records_of_site(path: Path, site: str, lifts: Collection[str]) -> Mapping[str, SavedLift]:
     """Return the records of a site without changing anything. Raises StoreUnusable."""
     _require_own_folder(path)
@@ -72,6 +87,13 @@ def _require_no_orphans(
                 " if it is another building, move it to a folder of its own"
             )
             raise store_unusable(path, what, advice)
+    return require_known_lifts(path, records, lifts)
+
+
+def require_known_lifts(
+    path: Path, records: Mapping[str, SavedLift], lifts: Collection[str]
+) -> Mapping[str, SavedLift]:
+    """Return the records of a store. Raises StoreUnusable if one of them keeps robots off a lift that is not in the site file."""
     for lift, record in records.items():
         if lift not in lifts and record.keeps_robots_out:
             what = f"keeps robots off lift {lift!r}, which is not in the site file"

@@ -98,7 +98,7 @@ class SqliteStore:
         with self._translating_errors():
             self._open()
             query = f"SELECT {COLUMNS} FROM rows ORDER BY seq DESC LIMIT ?"  # noqa: S608  constants
-            return [_to_pending(StoredRow(*row)) for row in self._require_connection().execute(query, (count,))][::-1]
+            return [to_pending(StoredRow(*row)) for row in self._require_connection().execute(query, (count,))][::-1]
 
     def do_upkeep(self, now: int, *, check: bool) -> UpkeepStep:
         """Run one short step of upkeep; `check` looks for rows to remove. Raises CommitFailed."""
@@ -150,7 +150,7 @@ class SqliteStore:
                 )
 
     def _commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> None:
-        stored = self._chained(_to_stored(one) for one in rows)
+        stored = self._chained(to_stored(one) for one in rows)
         with self._advancing_head(stored, records, repeated=self._already_stored + len(stored)) as connection:
             connection.executemany(_INSERT, stored)
             for lift, record in records.items():
@@ -164,7 +164,7 @@ class SqliteStore:
 
     def _cut(self, cut: Cut, now: int) -> None:
         """Remove the oldest rows and write the anchor row that records it, in one transaction."""
-        stored = self._chained([_to_stored(PendingRow(now, cut.anchor))])
+        stored = self._chained([to_stored(PendingRow(now, cut.anchor))])
         with self._advancing_head(stored, (), repeated=self._already_stored) as connection:
             connection.executemany(_INSERT, stored)
             connection.execute("DELETE FROM rows WHERE seq <= ?", (cut.through,))
@@ -377,12 +377,13 @@ def _decode_record(path: Path, lift: object, text: object, hash_: object) -> Sav
         raise StoreDamaged(path, f"is damaged (the record of lift {lift!r}, {error})") from error
 
 
-def _to_stored(pending: PendingRow) -> StoredRow:
+def to_stored(pending: PendingRow) -> StoredRow:
     """Return a row as it is stored, without its number and hash."""
     at, row = pending
     written_data = canonical(row.written_data)
     return StoredRow(0, at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), written_data, b"")
 
 
-def _to_pending(row: StoredRow) -> PendingRow:
+def to_pending(row: StoredRow) -> PendingRow:
+    """Return a stored row as it was noted."""
     return PendingRow(row.at, Row(RowKind(row.kind), row.text, row.lift, row.caller, json.loads(row.data)))

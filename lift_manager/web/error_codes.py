@@ -158,6 +158,11 @@ WEB_CODES: Mapping[str, Code] = {
         "Too many event streams are open",
         "Close unused ones, or try again a little later. One key gets at most half of all.",
     ),
+    "standby": Code(
+        503,
+        "This manager is the standby",
+        "The other machine of the site commands the lifts; the message says where it is, if that is known.",
+    ),
     "http_error": Code(400, "The request was not served", "Something else about HTTP; the status says what."),
     "internal_error": Code(500, "A bug in the manager", "The manager's log has the details: please report it."),
 }

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import socket
+import struct
 import time
 from collections.abc import Callable, Coroutine
 from contextlib import ExitStack
@@ -129,6 +130,43 @@ def test_the_socket_sends_at_once_and_keeps_itself_alive(run: Callable[[Test], N
             assert found[0].getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
         wire.close()
 
+    with listener:
+        run(test)
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="finds the socket by its file descriptor")
+def test_of_two_managers_each_sends_bytes_again_only_for_as_long_as_it_may(
+    run: Callable[[Test], None], listener: socket.socket
+) -> None:
+    remaining_s = 1.25
+
+    async def test() -> None:
+        nonlocal remaining_s
+        wire = PymodbusWire(*listener.getsockname(), remaining_s=lambda: remaining_s)
+        await wire.open(nobody, nobody, timeout_s=1.0)
+        with ExitStack() as stack:
+            (own,) = [stack.enter_context(each) for each in sockets_to(listener.getsockname())]
+            wire.send(b"\0\1\0\0\0\2\1\7")
+            assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 1250
+            remaining_s = 0.5
+            wire.send(b"\0\2\0\0\0\2\1\7")
+            assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 500
+            remaining_s = 0.0
+            wire.send(b"\0\3\0\0\0\2\1\7")
+            assert own.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8) == struct.pack("ii", 1, 0)
+        await asyncio.sleep(0)
+        controller, _ = await asyncio.get_running_loop().sock_accept(listener)
+        with controller:
+            controller.setblocking(False)
+            received = b""
+            while len(received) < 16:
+                received += await asyncio.get_running_loop().sock_recv(controller, 100)
+            assert received == b"\0\1\0\0\0\2\1\7\0\2\0\0\0\2\1\7"
+            wire.close()
+            with pytest.raises(ConnectionResetError):
+                await asyncio.get_running_loop().sock_recv(controller, 100)
+
+    listener.setblocking(False)
     with listener:
         run(test)
 

@@ -7,7 +7,21 @@ import pytest
 
 from lift_manager.config.devices import Device, devices
 from lift_manager.config.load import check_file, load_site
-from lift_manager.config.site import Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, LiftRmf, Rmf, Site
+from lift_manager.config.site import (
+    Api,
+    ApiTls,
+    Cluster,
+    ClusterTls,
+    Controller,
+    ControllerTls,
+    Endpoint,
+    Floor,
+    Lift,
+    LiftRmf,
+    Machine,
+    Rmf,
+    Site,
+)
 from tests.lift_manager.config.site_files import ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "site-file.md").read_text("utf-8")
@@ -50,7 +64,21 @@ def test_the_example_of_the_reference_is_free_of_mistakes(tmp_path: Path) -> Non
 
 
 def test_the_reference_has_every_key_of_a_site_file_and_no_other() -> None:
-    models = (Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, LiftRmf, Rmf, Site)
+    models = (
+        Api,
+        ApiTls,
+        Cluster,
+        ClusterTls,
+        Controller,
+        ControllerTls,
+        Endpoint,
+        Floor,
+        Lift,
+        LiftRmf,
+        Machine,
+        Rmf,
+        Site,
+    )
     keys = {field.alias or name for model in models for name, field in model.model_fields.items()}
     rows = [line.split("|") for line in PAGE.splitlines() if line.startswith("| `")]
     listed = {key for row in rows for key in re.findall(r"`([a-z_]+)`", row[1])}

@@ -145,10 +145,13 @@ KEYS: list[Mistake] = [
     ),
     (
         "a key nobody knows",
-        [("name: A building", "name: A building\ncolour: red")],
+        [("name: A building", "name: A building\npaint: red")],
         [
             said(
-                3, "colour", "no such key", "api, controllers, hub, journal, lifts, name, require_checkout, rmf, schema"
+                3,
+                "paint",
+                "no such key",
+                "api, cluster, controllers, hub, journal, lifts, name, require_checkout, rmf, schema",
             )
         ],
     ),

@@ -1,10 +1,14 @@
-"""What any store does: in a database on the disk, or in memory."""
+"""What any store does: in a database on the disk, in memory, or in etcd."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from lift_manager.cluster.content import Head, Place, encode_head, encode_key
+from lift_manager.cluster.etcd import Etcd, put
+from lift_manager.cluster.store import EtcdStore
+from lift_manager.cluster.term import Key
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.retention import Limits
@@ -12,18 +16,35 @@ from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import MemoryStore, PendingRow, Store
 from tests.lift_manager.store.journal_disk import LIFTS, SITE, press
 from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD, VALUES
+from tests.support.etcd import Members, etcd_members
+from tests.support.memory_etcd import MemoryEtcd
 
 EAST, OTHER = LIFTS
 Again = Callable[[], Store]
 """Opens the store, or opens it again, as a restart of the manager does."""
 
 
-@pytest.fixture(params=["sqlite", "memory"])
-def again(request: pytest.FixtureRequest, tmp_path: Path) -> Again:
+@pytest.fixture(scope="module")
+def members(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Members]:
+    with etcd_members(tmp_path_factory.mktemp("etcd")) as members:
+        yield members
+
+
+@pytest.fixture(params=["sqlite", "memory", "etcd stand-in", pytest.param("etcd", marks=pytest.mark.external("etcd"))])
+def again(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Again]:
+    if request.param.startswith("etcd"):
+        place, key = Place(str(tmp_path)), Key(0, 1, "a", "http://a:5003")
+        is_real = request.param == "etcd"
+        etcd = Etcd(request.getfixturevalue("members").urls, timeout_s=5.0) if is_real else MemoryEtcd()
+        etcd.transact([], [put(place.active, encode_key(key)), put(place.head, encode_head(Head(0, "")))])
+        yield lambda: EtcdStore(etcd, place, key, ("a", "b"))
+        etcd.close()
+        return
     if request.param == "memory":
         memory = MemoryStore()
-        return lambda: memory
-    return lambda: SqliteStore(tmp_path / "var" / "site.db", SITE, Limits(400, 500))
+        yield lambda: memory
+        return
+    yield lambda: SqliteStore(tmp_path / "var" / "site.db", SITE, Limits(400, 500))
 
 
 def noted(number: int) -> PendingRow:

@@ -1,0 +1,23 @@
+"""What `lift-manager serve` needs for one of two machines."""
+
+from __future__ import annotations
+
+from lift_manager.cli.common import fail, store_path_of
+from lift_manager.cluster.connect import cluster_of, machine_of
+from lift_manager.cluster.errors import ClusterError
+from lift_manager.config.load import LoadedSite
+from lift_manager.store.errors import StoreError
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import open_copy
+from lift_manager.takeover import ThisMachine
+
+
+def this_machine(loaded: LoadedSite, name: str | None) -> ThisMachine:
+    """Open the copy of the store on this machine, or report why it cannot be used and exit with 1."""
+    cluster, journal = cluster_of(loaded), loaded.site.journal
+    try:
+        machine = machine_of(cluster if name is None else cluster.model_copy(update={"machine": name}))
+        disk = open_copy(store_path_of(loaded), loaded.site.name, Limits(journal.keep_days, journal.max_mb))
+    except (ClusterError, StoreError) as error:
+        raise fail(str(error)) from error
+    return ThisMachine(machine, disk)

@@ -1,0 +1,173 @@
+"""What etcd holds for one site: the names of its keys, and what their values look like.
+
+| key | value |
+|---|---|
+| `active` | epoch, owner and address of the active manager |
+| `head` | number and id of the newest commit |
+| `records/LIFT` | the record of a lift, as the store on the disk has it |
+| `rows/NUMBER` | the rows of the journal of one commit, until both machines have them on the disk |
+| `copied/MACHINE` | the number of the newest commit that a machine has on the disk |
+| `removed` | the number of the newest commit whose rows were removed |
+| `handover` | a planned change of roles that was requested |
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from lift_manager.cluster.errors import ClusterUnusable
+from lift_manager.cluster.etcd import Entry
+from lift_manager.cluster.term import Key
+from lift_manager.runtime.recorder import SavedLift
+from lift_manager.store.chain import StoredRow
+from lift_manager.store.record import decode, encode
+from lift_manager.store.sqlite import to_pending, to_stored
+from lift_manager.store.store import PendingRow
+
+
+class Place:
+    """The keys of one site."""
+
+    def __init__(self, site: str) -> None:
+        self._prefix = f"/lift-manager/{site}/"
+        self.active = f"{self._prefix}active"
+        self.head = f"{self._prefix}head"
+        self.records = f"{self._prefix}records/"
+        self.rows = f"{self._prefix}rows/"
+        self.copied = f"{self._prefix}copied/"
+        self.removed = f"{self._prefix}removed"
+        self.handover = f"{self._prefix}handover"
+
+    def rows_of(self, commit: int) -> str:
+        """Return the key of the rows of a commit; keys sort as the numbers do."""
+        return f"{self.rows}{commit:016d}"
+
+    def commit_of(self, entry: Entry) -> int:
+        """Return the number of the commit whose rows these are."""
+        return int(entry.key.removeprefix(self.rows))
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """The newest commit."""
+
+    commit: int
+    id: str
+    """Different for each attempt, so that its writer recognizes it after a lost answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Handover:
+    """A planned change of roles."""
+
+    epoch: int
+    """Of the active manager that is to step back; in any other epoch it means nothing."""
+    by: str
+    """Who requested it."""
+    accepted_by: str = ""
+    """The standby that is ready."""
+
+
+def next_head(commit: int) -> Head:
+    """Return the head of another attempt."""
+    return Head(commit, secrets.token_hex(8))
+
+
+def encode_key(key: Key) -> bytes:
+    """Return the value of `active`: the same bytes for each renewal of an epoch, which commits compare."""
+    return _dump({"epoch": key.epoch, "owner": key.owner, "address": key.address})
+
+
+def decode_key(entries: Sequence[Entry]) -> Key:
+    """Return the key that was read; its revision is 0 if there is none. Raises ClusterUnusable."""
+    if not entries:
+        return Key(0)
+    with _reading(entries[0]) as value:
+        return Key(entries[0].revision, value["epoch"], value["owner"], value["address"])
+
+
+def encode_head(head: Head) -> bytes:
+    """Return the value of `head`."""
+    return _dump({"commit": head.commit, "id": head.id})
+
+
+def decode_head(entry: Entry) -> Head:
+    """Return the newest commit. Raises ClusterUnusable."""
+    with _reading(entry) as value:
+        return Head(value["commit"], value["id"])
+
+
+def encode_handover(handover: Handover) -> bytes:
+    """Return the value of `handover`."""
+    return _dump({"epoch": handover.epoch, "by": handover.by, "accepted_by": handover.accepted_by})
+
+
+def decode_handover(entries: Sequence[Entry]) -> Handover | None:
+    """Return the handover that was requested, if there is one. Raises ClusterUnusable."""
+    if not entries:
+        return None
+    with _reading(entries[0]) as value:
+        return Handover(value["epoch"], value["by"], value["accepted_by"])
+
+
+def encode_rows(rows: Iterable[PendingRow]) -> bytes:
+    """Return the rows of one commit as one value."""
+    return _dump([to_stored(row)[1:7] for row in rows])
+
+
+def decode_rows(entry: Entry) -> list[PendingRow]:
+    """Return the rows of one commit. Raises ClusterUnusable."""
+    with _reading(entry) as value:
+        return [
+            to_pending(StoredRow(0, at, kind, lift, caller, text, data, b""))
+            for at, kind, lift, caller, text, data in value
+        ]
+
+
+def encode_record(saved: SavedLift) -> bytes:
+    """Return the record of a lift."""
+    return encode(saved).encode()
+
+
+def decode_record(entry: Entry) -> SavedLift:
+    """Return the record of a lift. Raises ClusterUnusable."""
+    try:
+        return decode(entry.value.decode())
+    except ValueError as error:
+        raise _unusable(entry, str(error)) from error
+
+
+def encode_number(number: int) -> bytes:
+    """Return the value of `copied` and `removed`."""
+    return _dump(number)
+
+
+def decode_number(entry: Entry) -> int:
+    """Return the number of a commit. Raises ClusterUnusable."""
+    with _reading(entry) as value:
+        return int(value)
+
+
+def _dump(value: object) -> bytes:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+@contextmanager
+def _reading(entry: Entry) -> Iterator[Any]:
+    """Parse a value. Raises ClusterUnusable, also for what the body of the `with` misses in it."""
+    try:
+        yield json.loads(entry.value)
+    except (ValueError, KeyError, TypeError) as error:
+        raise _unusable(entry, f"{type(error).__name__}: {error}") from error
+
+
+def _unusable(entry: Entry, why: str) -> ClusterUnusable:
+    return ClusterUnusable(
+        f"the value of {entry.key} in etcd is not one that a manager of this version writes ({why}); run the same version on both"
+        " machines, or restore etcd from a snapshot"
+    )

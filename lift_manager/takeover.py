@@ -1,0 +1,168 @@
+"""Runs the manager of one of two machines: a standby until the key is taken, then active until its term ends, and so on."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from asyncio import Task
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from socket import socket
+
+from drivers.thread import Worker
+from lift_manager import app
+from lift_manager.app import Faces, renew_certificates, server_certificates
+from lift_manager.cluster.connect import cluster_of, etcd_of
+from lift_manager.cluster.content import Place
+from lift_manager.cluster.errors import ClusterError
+from lift_manager.cluster.member import ActiveTerm, Member
+from lift_manager.cluster.replica import Replica, copy_all
+from lift_manager.cluster.store import EtcdStore
+from lift_manager.cluster.term import ANSWER_S
+from lift_manager.config.load import LoadedSite
+from lift_manager.store.committer import Committer
+from lift_manager.store.errors import StoreUnusable
+from lift_manager.store.site import require_known_lifts
+from lift_manager.store.store import Store
+from lift_manager.systemd import notifier, report_to_systemd
+from lift_manager.web.connections import ConnectionLimits
+from lift_manager.web.limits import connections_limit
+from lift_manager.web.server import serve
+from lift_manager.web.standby import Standby
+
+_log = logging.getLogger(__name__)
+
+COPY_ANSWER_S = 5.0
+"""How long the copy of the journal waits for etcd. Chosen: nothing waits for it."""
+
+
+LOOK_EVERY_S = 1.0
+"""How often a standby looks whether it could take over, for the log."""
+
+LAST_COPY_S = 0.5
+"""How long an orderly end waits for the last rows on the disk of this machine. They are in etcd, and copied at the next start."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThisMachine:
+    """The machine of a cluster that this process runs on."""
+
+    name: str
+    disk: Store
+    """Where records and journal are copied to."""
+
+
+async def run_in_cluster(
+    loaded: LoadedSite,
+    sock: socket,
+    machine: ThisMachine,
+    *,
+    stop: asyncio.Event,
+    ready: Callable[[], None],
+    faces: Faces,
+) -> bool:
+    """Serve a site on a listening socket until `stop` is set, in turn with the other machine.
+
+    Returns whether the release of every output was verified when this machine was active last. Raises what `app.run` raises, and
+    ClusterUnusable.
+    """
+    cluster, folder, place = cluster_of(loaded), loaded.path.parent, Place(loaded.site.name)
+    address = cluster.machines[machine.name].address
+    member = Member(machine.name, address, etcd_of(cluster, folder, timeout_s=ANSWER_S), place)
+    replica = Replica(machine.name, etcd_of(cluster, folder, timeout_s=COPY_ANSWER_S), place, machine.disk)
+    async with asyncio.TaskGroup() as tasks:
+        watching = tasks.create_task(member.run())
+        ended = asyncio.Event()
+        copying = tasks.create_task(copy_all(replica, ended))
+        ready()
+        while True:
+            standing_by = tasks.create_task(_stand_by(loaded, sock, member))
+            term = await _until_active(member, stop)
+            standing_by.cancel()  # nobody waits for its end: the lifts need a manager now
+            released = True
+            if term is not None:
+                released = await _command(loaded, sock, term, stop=stop, faces=faces)
+            await member.give_up()
+            if stop.is_set():
+                break
+            member.stand_by()
+        ended.set()
+        await asyncio.wait([copying], timeout=LAST_COPY_S)
+        copying.cancel()
+        watching.cancel()
+    return released
+
+
+async def _stand_by(loaded: LoadedSite, sock: socket, member: Member) -> None:
+    """Reply as a standby until cancelled."""
+
+    def address() -> str:
+        key = member.key
+        return "" if key is None or key.owner == member.name else key.address
+
+    def status() -> str:
+        return f"standby; {member.trouble}" if member.trouble else "standby"
+
+    tls = server_certificates(loaded)
+    standby = Standby(address, lambda: member.trouble)
+    limits = ConnectionLimits.of(connections_limit(), loaded.site.api.trusted_proxies)
+    with sock.dup() as own_sock:
+        async with asyncio.TaskGroup() as work:
+            work.create_task(serve(standby, own_sock, tls=tls, limits=limits))
+            work.create_task(_log_trouble(member))
+            work.create_task(report_to_systemd(notifier(), {}, dict, status))
+            if tls is not None:
+                work.create_task(renew_certificates(tls))
+
+
+async def _log_trouble(member: Member) -> None:
+    """Log why this machine could not take over, and that it can again."""
+    logged = ""
+    while True:
+        if (trouble := member.trouble) and not logged:
+            _log.error("cluster: this machine could not take over: %s", trouble)
+        elif logged and not trouble:
+            _log.warning("cluster: this machine can take over again")
+        logged = trouble
+        await asyncio.sleep(LOOK_EVERY_S)
+
+
+async def _until_active(member: Member, stop: asyncio.Event) -> ActiveTerm | None:
+    """Return the term of this machine; None once it is to stop."""
+    taken: Task[ActiveTerm] = asyncio.ensure_future(member.until_active())
+    stopped = asyncio.ensure_future(stop.wait())
+    try:
+        await asyncio.wait([taken, stopped], return_when=asyncio.FIRST_COMPLETED)
+        return taken.result() if taken.done() else None
+    finally:
+        taken.cancel()
+        stopped.cancel()
+
+
+async def _command(loaded: LoadedSite, sock: socket, term: ActiveTerm, *, stop: asyncio.Event, faces: Faces) -> bool:
+    """Run the manager for a term; returns whether the release of every output was verified."""
+    cluster = cluster_of(loaded)
+    etcd = etcd_of(cluster, loaded.path.parent, timeout_s=ANSWER_S)
+    store = EtcdStore(etcd, Place(loaded.site.name), term.key, cluster.machines)
+    loading = Worker("lift-manager-load")
+    try:
+        records = await loading.submit(store.load)
+        require_known_lifts(Path("etcd"), records, loaded.site.lifts)
+    except (ClusterError, StoreUnusable) as error:
+        _log.error("cluster: this machine cannot command the lifts: %s", error)
+        return True
+    finally:
+        loading.stop()
+    committer = Committer(store, "etcd", records)
+    with sock.dup() as own_sock:
+        return await app.run(
+            loaded,
+            own_sock,
+            stop=stop,
+            ready=partial(_log.info, "cluster: the lifts are commanded"),
+            recorder=committer,
+            faces=faces,
+            term=term,
+        )

@@ -1,0 +1,129 @@
+"""What people do with a cluster: prepare it once, look at it, hand over."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from lift_manager.cluster import operations
+from lift_manager.cluster.connect import etcd_of, machine_of
+from lift_manager.cluster.content import Handover, Head, Place, decode_handover, encode_head, encode_key, encode_number
+from lift_manager.cluster.errors import ClusterUnusable
+from lift_manager.cluster.etcd import Json, Result, put, read
+from lift_manager.cluster.store import EtcdStore
+from lift_manager.cluster.term import Key
+from lift_manager.config.site import Cluster
+from lift_manager.runtime.recorder import SavedLift
+from tests.lift_manager.store.test_recall_contract import EVERYTHING
+from tests.support.memory_etcd import MemoryEtcd
+
+PLACE = Place("Main hospital")
+NORTH, SOUTH = Key(0, 4, "north", "http://north:5003"), Key(0, 5, "south", "http://south:5003")
+MACHINES = {"north": {"address": "http://10.0.0.1:5003"}, "south": {"address": "http://10.0.0.2:5003"}}
+
+
+def prepared() -> MemoryEtcd:
+    etcd = MemoryEtcd()
+    operations.prepare(etcd, PLACE, {"east": EVERYTHING})
+    return etcd
+
+
+def test_what_one_machine_remembers_becomes_what_both_do() -> None:
+    etcd = prepared()
+    assert EtcdStore(etcd, PLACE, NORTH, MACHINES).load() == {"east": EVERYTHING}
+    assert operations.read_status(etcd, PLACE).key.owner == ""
+
+
+def test_a_cluster_is_prepared_once() -> None:
+    etcd = prepared()
+    with pytest.raises(ClusterUnusable, match="holds this site already"):
+        operations.prepare(etcd, PLACE, {})
+    assert EtcdStore(etcd, PLACE, NORTH, MACHINES).load() == {"east": EVERYTHING}
+
+
+def test_a_machine_that_went_on_alone_brings_back_what_it_remembers_and_the_epoch_only_rises() -> None:
+    etcd = prepared()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.rows_of(3), b"[]")])
+    operations.clear(etcd, PLACE, unchanged_s=0.0)
+    with pytest.raises(ClusterUnusable, match="cluster init"):
+        EtcdStore(etcd, PLACE, SOUTH, MACHINES).load()
+    operations.prepare(etcd, PLACE, {"east": SavedLift()})
+    assert EtcdStore(etcd, PLACE, SOUTH, MACHINES).load() == {"east": SavedLift()}
+    assert operations.read_status(etcd, PLACE).key.epoch == NORTH.epoch
+    assert PLACE.rows_of(3) not in etcd.entries
+
+
+def test_nothing_is_removed_while_a_manager_renews_its_key() -> None:
+    etcd = Renewed()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.head, encode_head(Head(9, "x")))])
+    with pytest.raises(ClusterUnusable, match="a manager is active"):
+        operations.clear(etcd, PLACE, unchanged_s=0.0)
+    assert PLACE.head in etcd.entries
+
+
+class Renewed(MemoryEtcd):
+    """Its key is renewed after each transaction."""
+
+    def transact(self, compare: Sequence[Json], then: Sequence[Json], otherwise: Sequence[Json] = ()) -> Result:
+        result = super().transact(compare, then, otherwise)
+        super().transact([], [put(PLACE.active, encode_key(NORTH))])
+        return result
+
+
+def test_the_status_has_the_active_machine_and_what_each_has_copied() -> None:
+    etcd = prepared()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.head, encode_head(Head(9, "x")))])
+    etcd.transact([], [put(f"{PLACE.copied}south", encode_number(7))])
+    status = operations.read_status(etcd, PLACE)
+    assert (status.key.owner, status.commit, status.copied) == ("north", 9, {"south": 7})
+    with pytest.raises(ClusterUnusable, match="cluster init"):
+        operations.read_status(MemoryEtcd(), PLACE)
+
+
+class Standby(MemoryEtcd):
+    """Accepts a handover, and takes over, or does not."""
+
+    def __init__(self, *, is_there: bool) -> None:
+        super().__init__()
+        self.is_there = is_there
+
+    def transact(self, compare: Sequence[Json], then: Sequence[Json], otherwise: Sequence[Json] = ()) -> Result:
+        result = super().transact(compare, then, otherwise)
+        if self.is_there and PLACE.handover in self.entries:
+            super().transact([], [put(PLACE.active, encode_key(SOUTH))])
+        return result
+
+
+def test_a_handover_ends_once_the_other_machine_is_active() -> None:
+    etcd = Standby(is_there=True)
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.head, encode_head(Head(9, "x")))])
+    assert operations.hand_over(etcd, PLACE, "Eve").owner == "south"
+
+
+def test_a_handover_that_no_standby_accepts_is_withdrawn() -> None:
+    etcd = Standby(is_there=False)
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.head, encode_head(Head(9, "x")))])
+    with pytest.raises(ClusterUnusable, match=r"no standby has answered within 0\.1 s, so north stays active"):
+        operations.hand_over(etcd, PLACE, "Eve", accepted_within_s=0.1)
+    left = decode_handover(etcd.transact([], [read(PLACE.handover)]).ranges[0])
+    assert left == Handover(0, "Eve")
+
+
+def test_without_an_active_manager_there_is_nothing_to_hand_over() -> None:
+    with pytest.raises(ClusterUnusable, match="nothing to hand over"):
+        operations.hand_over(prepared(), PLACE, "Eve")
+
+
+def test_a_machine_is_one_of_the_two_by_its_name_or_by_the_site_file(tmp_path: Path) -> None:
+    cluster = Cluster.model_validate({"machines": MACHINES, "etcd": ["http://127.0.0.1:2379"], "machine": "south"})
+    assert machine_of(cluster) == "south"
+    with pytest.raises(ClusterUnusable, match="the machines of the cluster are north, south"):
+        machine_of(cluster.model_copy(update={"machine": None}))
+    etcd_of(cluster, tmp_path, timeout_s=1.0).close()
+
+
+def test_certificates_that_are_gone_since_the_check_are_named(tmp_path: Path) -> None:
+    tls = {"ca": "ca.pem", "certificate": "own.pem", "key": "own.key"}
+    cluster = Cluster.model_validate({"machines": MACHINES, "etcd": ["https://127.0.0.1:2379"], "tls": tls})
+    with pytest.raises(ClusterUnusable, match="cannot be used"):
+        etcd_of(cluster, tmp_path, timeout_s=1.0)

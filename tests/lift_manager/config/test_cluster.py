@@ -1,0 +1,137 @@
+"""What is found in the `cluster` of a site file, and what people are told about a good one."""
+
+from pathlib import Path
+
+import pytest
+
+from lift_manager.config.check_cluster import MOST_LIFTS
+from tests.lift_manager.config.site_files import GENERIC, TWO_STOP, assert_says_exactly, findings, load, said
+from tests.support.rows import each_row
+
+CLUSTER = """\
+cluster:
+  machines:
+    north: {address: "http://10.0.0.1:5003", switch: one, supply: x}
+    south: {address: "http://10.0.0.2:5003", switch: two, supply: y}
+  etcd: ["http://127.0.0.1:2379", "http://127.0.0.1:2381", "http://127.0.0.1:2383"]
+"""
+MEMBERS = '"http://127.0.0.1:2379", "http://127.0.0.1:2381", "http://127.0.0.1:2383"'
+SOUTH = '    south: {address: "http://10.0.0.2:5003", switch: two, supply: y}\n'
+
+
+def of_cluster(folder: Path, text: str, *edits: tuple[str, str]) -> list[str]:
+    return [line for line in load(folder, text, *edits).cautions() if "cluster" in line or "replaced" in line]
+
+
+@each_row(
+    ("edits", "key", "line", "words"),
+    [
+        ([(SOUTH, "")], "cluster.machines", 11, "has two machines, and there are 1"),
+        ([("http://10.0.0.2:5003", "http://10.0.0.1:5003/")], "cluster.machines", 11, "one address"),
+        ([("  etcd", "  machine: west\n  etcd")], "cluster.machine", 14, "none of the machines north, south"),
+        ([(":2381", ":2379")], "cluster.etcd", 14, "names a member twice"),
+        ([("http://127.0.0.1:2381", "https://127.0.0.1:2381")], "cluster.etcd", 14, "use https for all"),
+        ([(MEMBERS, '"https://10.0.0.1:2379"')], "cluster.tls", 10, "https needs the CA of the members"),
+        ([("http://127.0.0.1:2381", "127.0.0.1:2381")], "cluster.etcd[1]", 14, "must be a URL"),
+        ([(MEMBERS, "")], "cluster.etcd", 14, ""),
+        (
+            [("  etcd", "  accept_latching: {west: why}\n  etcd")],
+            "cluster.accept_latching.west",
+            14,
+            "the lifts are main",
+        ),
+    ],
+)
+def test_a_mistake_is_named_with_its_place(
+    tmp_path: Path, edits: list[tuple[str, str]], key: str, line: int, words: str
+) -> None:
+    assert_says_exactly(findings(tmp_path, GENERIC + CLUSTER, *edits), said(line, key, words))
+
+
+def test_outputs_that_stay_on_need_an_acceptance_of_their_own(tmp_path: Path) -> None:
+    refused = findings(tmp_path, TWO_STOP + CLUSTER)
+    assert_says_exactly(
+        refused, said(8, "lifts.goods.access", "stay on until something lets them go", "accept_latching")
+    )
+    accepted = of_cluster(tmp_path, TWO_STOP + CLUSTER + "  accept_latching: {goods: somebody stands beside it}\n")
+    assert accepted == [
+        "goods: a write of a manager that was just replaced may put an output on for good; accepted: somebody stands beside it"
+    ]
+    watched = ("    access: control\n    accept_latching: a person stands beside it\n", "")
+    assert of_cluster(tmp_path, TWO_STOP + CLUSTER, watched) == []
+
+
+def test_more_lifts_than_a_commit_can_hold_are_refused(tmp_path: Path) -> None:
+    lifts = "".join(
+        f"  lift{number}: {{controller: plc, floors: {{L1: 1, L2: 2}}, offset: {{holding: {100 * number}}}}}\n"
+        for number in range(1, MOST_LIFTS + 1)
+    )
+    found = findings(tmp_path, GENERIC + lifts + CLUSTER)
+    assert [(one.key, f"there are {MOST_LIFTS + 1}" in one.message) for one in found] == [("cluster", True)]
+
+
+@each_row(
+    ("edits", "expected"),
+    [
+        ([], []),
+        ([(", switch: two", ", switch: one")], ["cluster: both machines are on the switch one, and are lost with it"]),
+        ([(", supply: y", ", supply: x")], ["cluster: both machines are on the supply x, and are lost with it"]),
+        (
+            [(", supply: y", "")],
+            [
+                "cluster: the site file does not say on which supply each machine is; if it is one, both are lost with it",
+            ],
+        ),
+        (
+            [(MEMBERS, '"http://10.0.0.1:2379", "http://10.0.0.2:2379", "http://10.0.0.3:2379"')],
+            [
+                "cluster: etcd is used without TLS: who reaches it can command the lifts, and change what the managers remember"
+            ],
+        ),
+        (
+            [(MEMBERS, '"http://127.0.0.1:2379"')],
+            [
+                "cluster: etcd has 1 member, so the loss of one stops both managers; run three, one of them on a third machine"
+            ],
+        ),
+        (
+            [("http://127.0.0.1:2383", "http://localhost:2383"), ("http://127.0.0.1:2381", "http://one.example:2381")],
+            [
+                "cluster: http://one.example:2381 has a name and no address: a name server that is silent would cost the term",
+                "cluster: etcd is used without TLS: who reaches it can command the lifts, and change what the managers remember",
+            ],
+        ),
+        (
+            [(MEMBERS, MEMBERS + ', "http://127.0.0.1:2385"')],
+            ["cluster: etcd has 4 members, of which no more may fail than of 3"],
+        ),
+    ],
+)
+def test_people_are_told_what_both_machines_are_lost_with(
+    tmp_path: Path, edits: list[tuple[str, str]], expected: list[str]
+) -> None:
+    watched = "main: a write of a manager that was just replaced may still arrive; what it puts on, the controller itself takes off again"
+    assert of_cluster(tmp_path, GENERIC + CLUSTER, *edits) == [*expected, watched]
+
+
+def test_a_site_without_a_cluster_hears_nothing_of_it(tmp_path: Path) -> None:
+    assert of_cluster(tmp_path, GENERIC) == []
+
+
+@pytest.mark.parametrize("missing", ["etcd-ca.pem", "manager.pem"])
+def test_certificates_for_etcd_are_looked_at_as_any_others(tmp_path: Path, missing: str) -> None:
+    tls = (
+        CLUSTER.replace("http://127", "https://127")
+        + "  tls: {ca: etcd-ca.pem, certificate: manager.pem, key: manager.key}\n"
+    )
+    unusable = load(tmp_path, GENERIC + tls).unusable
+    assert any(missing in finding.message and "does not exist" in finding.message for finding in unusable)
+
+
+def test_a_site_of_two_machines_is_refused_at_a_hub(tmp_path: Path) -> None:
+    (tmp_path / "hub.password").write_text("a password")
+    (tmp_path / "hub.password").chmod(0o600)
+    unusable = load(tmp_path, GENERIC + CLUSTER + "hub: {site: berlin, password: hub.password}\n").unusable
+    assert [finding.message for finding in unusable] == [
+        "a site with a `cluster` cannot take part in a hub yet: each of its machines has a journal of its own"
+    ]

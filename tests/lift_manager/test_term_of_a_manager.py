@@ -1,0 +1,127 @@
+"""A whole manager whose term ends, at a simulated controller over real sockets: what it still writes, and what it leaves on."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import httpx
+import pytest
+
+from lift_manager import app
+from lift_manager.cluster.member import ActiveTerm
+from lift_manager.cluster.term import Key, Role, Term
+from lift_manager.config.load import load_site
+from lift_manager.lab.bench.bench import Bench
+from lift_manager.lab.bench.plan import plan_lifts
+from lift_manager.lab.bench.simulator import LiftSimulator
+from lift_manager.lab.bench.site import site_file
+from lift_manager.runtime.recorder import MemoryRecorder
+from lift_manager.web.server import listen
+from tests.support.programs import HANGS_S
+
+LIFT = {"name": "lift", "map": "generic-registers", "speed": 20.0, "clear_s": 10.0}
+HOLD = "hold_door.front"
+
+
+class Manager:
+    """A running manager with a term, and the lift that it commands."""
+
+    def __init__(
+        self, lift: LiftSimulator, http: httpx.AsyncClient, term: ActiveTerm, recorder: MemoryRecorder
+    ) -> None:
+        self.lift, self.term = lift, term
+        self.recorder = recorder
+        self.http = http
+        self.running: asyncio.Task[bool] | None = None
+
+    async def state(self) -> dict[str, object]:
+        reply = await self.http.get("/open-rmf/demo-lift/lift_state", params={"lift_name": "lift"})
+        return dict(reply.json())
+
+    async def hold_door(self) -> None:
+        """Call the lift, and return once its door is held."""
+        body = {"floor": self.lift.floors[-1], "door_state": 2}
+        params = {"lift_name": "lift"}
+        reply = await self.http.post("/open-rmf/demo-lift/lift_request", params=params, json=body)
+        assert reply.json()["success"], reply.text
+        await self.lift.when(lambda truth: HOLD in truth.commands, within_s=HANGS_S)
+
+    async def ended(self) -> bool:
+        assert self.running is not None
+        return await self.running
+
+    def renew(self, remaining_s: float) -> None:
+        self.term.renew(Term(role=Role.LEAVING, until=asyncio.get_running_loop().time() + remaining_s))
+
+
+def play(folder: Path, check: Callable[[Manager], Awaitable[None]]) -> None:
+    async def run(lift: LiftSimulator) -> None:
+        path = folder / "site.yaml"
+        path.write_text(json.dumps(site_file(plan_lifts((LIFT,), folder), {"lift": lift.ports}, folder)), "utf-8")
+        stop, ready, recorder = asyncio.Event(), asyncio.Event(), MemoryRecorder()
+        term = ActiveTerm(Key(1, 7, "north"), asyncio.get_running_loop().time)
+        with listen("127.0.0.1", 0) as sock:
+            address = f"http://127.0.0.1:{sock.getsockname()[1]}"
+            async with asyncio.timeout(HANGS_S), httpx.AsyncClient(base_url=address, trust_env=False) as http:
+                manager = Manager(lift, http, term, recorder)
+                manager.renew(3600.0)
+                running = app.run(load_site(path), sock, stop=stop, ready=ready.set, recorder=recorder, term=term)
+                manager.running = asyncio.create_task(running)
+                await ready.wait()
+                try:
+                    await check(manager)
+                finally:
+                    stop.set()
+                    await asyncio.wait([manager.running])
+
+    with Bench((LIFT,), near=folder, folder=folder) as bench:
+        asyncio.run(run(bench.simulator()))
+
+
+def test_a_term_that_nears_its_end_is_used_to_release_everything(tmp_path: Path) -> None:
+    async def check(manager: Manager) -> None:
+        await manager.hold_door()
+        manager.renew(HANGS_S)
+        manager.term.ends.set()
+        manager.term.releases.set()
+        assert await manager.ended()
+        assert HOLD not in manager.lift.truth.commands
+
+    play(tmp_path, check)
+
+
+@pytest.mark.parametrize("by", ["", "Eve"])
+def test_after_its_term_a_manager_writes_nothing_and_leaves_everything_on(tmp_path: Path, by: str) -> None:
+    async def check(manager: Manager) -> None:
+        await manager.hold_door()
+        before = manager.lift.writes
+        manager.term.handed_over_by = by
+        manager.term.end()
+        assert (await manager.state())["success"] is False
+        assert await manager.ended() is bool(by)
+        assert manager.lift.writes == before
+        handed_over = [row for row in manager.recorder.rows if "hands over" in row.text]
+        assert [row.caller for row in handed_over] == ([by] if by else [])
+
+    play(tmp_path, check)
+
+
+def test_a_release_that_the_term_cuts_short_is_not_called_verified(tmp_path: Path) -> None:
+    async def check(manager: Manager) -> None:
+        await manager.hold_door()
+        manager.lift.begin("ignored_writes")
+        manager.renew(0.3)
+        manager.term.ends.set()
+        asyncio.get_running_loop().call_later(0.3, manager.term.end)
+        assert not await manager.ended()
+
+    play(tmp_path, check)
+
+
+def test_the_journal_says_which_machine_commands_the_lifts_and_in_which_epoch(tmp_path: Path) -> None:
+    async def check(manager: Manager) -> None:
+        texts = [row.text for row in manager.recorder.rows]
+        assert "the manager on north is active, in epoch 7" in texts
+
+    play(tmp_path, check)
