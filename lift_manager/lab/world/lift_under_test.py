@@ -141,6 +141,8 @@ class LiftUnderTest:
     fleeting: frozenset[str] = frozenset()
     """Commands that the device ends by itself."""
     refreshes: Mapping[PolledBlock, int | None] = field(default_factory=dict)
-    """What a refresh of robot mode or of the heartbeat writes, by its cell as a block of one; None for any value. It ends no hold."""
+    """What a refresh of robot mode, of a door hold or of the heartbeat writes, by its cell as a block of one; None for any value.
+
+    It ends no hold."""
     clear_s: float = 0.0
     """How long before our release an invitation must be withdrawn; 0 for no minimum."""

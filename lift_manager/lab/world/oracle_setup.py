@@ -57,14 +57,15 @@ def _judged(loaded: LoadedSite, name: str) -> LiftUnderTest:
 
 
 def _refreshes(loaded: LoadedSite, name: str, codec: Codec) -> dict[PolledBlock, int | None]:
-    """Return the cells of robot mode and heartbeat, and what is written there while they are on."""
+    """Return the cells of robot mode, of door holds and of the heartbeat, and what is written there while they are on."""
     placed = devices(loaded.site, loaded.site.lifts[name], codec.map)
     return {
         (placed[point.endpoint].controller, placed[point.endpoint].unit_id, point.table, point.address, 1): (
             None if command.spec.is_heartbeat else command.spec.on
         )
         for which, command in codec.commands.items()
-        if (which == "robot_mode" or command.spec.is_heartbeat) and not command.is_shared
+        if (which == "robot_mode" or which.startswith("hold_door.") or command.spec.is_heartbeat)
+        and not command.is_shared
         for point in command.points
     }
 

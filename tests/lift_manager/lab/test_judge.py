@@ -484,6 +484,12 @@ def test_a_hold_that_is_seen_to_have_fallen_when_something_else_is_refreshed_fel
     assert found(oracle) == (["the door fell while a robot was invited"] if is_ours else [])
 
 
+@pytest.mark.parametrize(("output", "address"), [("hold_door.front", 8), ("robot_mode", 10)])
+def test_writing_an_output_once_more_is_not_taken_for_its_release(output: str, address: int) -> None:
+    about = oracle_of(loaded_site("generic-coils", 900.0, 300.0, 5.0)).lifts[LIFT]
+    assert about.refreshes["plc", 1, Table.COIL, address, 1] == 1, output
+
+
 def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -> None:
     oracle = judge(holds=FRONT, clear_s=10.0)
     rules = Rules(oracle)
