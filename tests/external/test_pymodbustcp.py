@@ -6,7 +6,6 @@ The test is the lift: it moves the registers by hand and looks at what the drive
 import asyncio
 import contextlib
 import itertools
-import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from drivers.modbus.wire import PymodbusWire
 from drivers.model import Command, CommandKind, LiftValues, Outcome, Proof, Result
 from register_maps.words import Door, Mode, Motion, Side
 from tests.drivers.caller import Caller
+from tests.support.programs import free_port
 from tests.support.shipped_maps import compiled
 
 POLL_S = 0.03
@@ -47,12 +47,6 @@ async def until(true: Callable[[], bool], within_s: float = 60.0) -> float:
         while not true():  # noqa: ASYNC110 - the server runs in threads of its own and sets no event
             await asyncio.sleep(LOOK_S)
     return loop.time() - began
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port: int = listener.getsockname()[1]
-    return port
 
 
 @dataclass
