@@ -3,8 +3,6 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from nats.aio.msg import Msg
@@ -22,18 +20,9 @@ FORGED = News(name="forged", version="1", lifts=0, live=0, commands=False, newes
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    rig = Rig(tmp_path / "hub")
-    rig.add("berlin")
+def rig(rig: Rig) -> Rig:
     rig.add("evil")
     return rig
-
-
-@pytest.fixture
-def journal(tmp_path: Path) -> Iterator[Journal]:
-    journal = Journal(tmp_path / "berlin.db")
-    yield journal
-    journal.end()
 
 
 def test_it_can_neither_publish_nor_reply_for_another_site_nor_listen_to_it(rig: Rig, journal: Journal) -> None:

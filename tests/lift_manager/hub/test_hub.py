@@ -5,7 +5,6 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,20 +21,6 @@ from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.support.certificates import Authority
 from tests.support.programs import HANGS_S
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    rig = Rig(tmp_path / "hub")
-    rig.add("berlin")
-    return rig
-
-
-@pytest.fixture
-def journal(tmp_path: Path) -> Iterator[Journal]:
-    journal = Journal(tmp_path / "berlin.db")
-    yield journal
-    journal.end()
 
 
 def rows(*texts: str, first: int = 1) -> list[tuple[str, tuple[int, str]]]:

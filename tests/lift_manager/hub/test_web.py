@@ -2,7 +2,6 @@
 
 import asyncio
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -35,20 +34,6 @@ BODIES = {
     "on": {"by": "M. Weber"},
     "commands": {"ticket": "t", "key_id": "0" * 8, "signature": "A" * 43, "action": "{}"},
 }
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    rig = Rig(tmp_path / "hub")
-    rig.add("berlin")
-    return rig
-
-
-@pytest.fixture
-def journal(tmp_path: Path) -> Iterator[Journal]:
-    journal = Journal(tmp_path / "berlin.db")
-    yield journal
-    journal.end()
 
 
 def statuses(rig: Rig, lift: str) -> dict[tuple[str, str, Role | None], int]:
