@@ -30,7 +30,6 @@ from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
 from lift_manager.config.tls import path_of, tls_cautions
-from lift_manager.hub.site_face import HubSettings, SiteFace
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.hours import RobotHours
 from lift_manager.lift.session import CLEAR_AT_STOP_S
@@ -61,8 +60,9 @@ from lift_manager.web.standby import Standby, WhileActive
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.schema import LinkDefaults
 
-if TYPE_CHECKING:
-    from lift_manager.cluster.member import ActiveTerm  # a manager that is alone does not load what talks to etcd
+if TYPE_CHECKING:  # a manager that is alone does not load what talks to etcd, or to a hub
+    from lift_manager.cluster.member import ActiveTerm
+    from lift_manager.hub.site_face import HubSettings
 
 _log = logging.getLogger(__name__)
 
@@ -290,6 +290,8 @@ def _background_tasks(
     if adapter is not None:
         yield adapter.run()
     if faces.hub is not None:
+        from lift_manager.hub.site_face import SiteFace  # noqa: PLC0415  see TYPE_CHECKING
+
         yield SiteFace(faces.hub, loaded.site.name, parts.site, key_file).run()
 
 

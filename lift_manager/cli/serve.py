@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable
 from functools import partial
 from socket import socket
-from typing import Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
@@ -32,9 +32,6 @@ from lift_manager.cli.serve_checks import allows_requests_without_keys, cautions
 from lift_manager.cluster.errors import ClusterError
 from lift_manager.config.hub import hub_password
 from lift_manager.config.load import LoadedSite
-from lift_manager.hub.connection import require_nats
-from lift_manager.hub.errors import NatsMissing
-from lift_manager.hub.site_face import HubSettings
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.plain.text import counted
 from lift_manager.rmf.dds import DdsError
@@ -44,6 +41,9 @@ from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
+
+if TYPE_CHECKING:
+    from lift_manager.hub.site_face import HubSettings
 
 _log = logging.getLogger("lift_manager")
 
@@ -157,6 +157,10 @@ def _hub_settings(loaded: LoadedSite) -> HubSettings | None:
     hub = loaded.site.hub
     if hub is None:
         return None
+    from lift_manager.hub.connection import require_nats  # noqa: PLC0415  a site without a hub does not load what talks to it
+    from lift_manager.hub.errors import NatsMissing  # noqa: PLC0415
+    from lift_manager.hub.site_face import HubSettings  # noqa: PLC0415
+
     try:
         require_nats()
     except NatsMissing as error:

@@ -15,6 +15,11 @@ import sys
 import lift_manager.app, lift_manager.cli.serve, lift_manager.cli.hub, lift_manager.hub.web, lift_manager.cli.check
 assert not [name for name in sys.modules if name.partition(".")[0] == "nats"]
 """
+ALONE = """
+import sys
+import lift_manager.app, lift_manager.cli.serve
+assert not [name for name in sys.modules if name.startswith("lift_manager.hub")]
+"""
 WITHOUT = """
 import sys
 sys.path.insert(0, sys.argv.pop(1))
@@ -25,6 +30,10 @@ app()
 
 def test_no_command_loads_it_before_it_is_needed() -> None:
     subprocess.run([sys.executable, "-c", LOADED], check=True)
+
+
+def test_a_manager_without_a_hub_loads_nothing_of_it() -> None:
+    subprocess.run([sys.executable, "-c", ALONE], check=True)
 
 
 @pytest.mark.parametrize("command", ["serve", "hub"])
