@@ -34,9 +34,12 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Codec:
-    """A compiled map: signals and commands at their addresses on the wire."""
+    """A compiled map: signals and commands at their addresses on the wire.
+
+    It is equal only to itself: what is derived from it can be kept for all lifts that share it.
+    """
 
     map: RegisterMap
     signals: Mapping[str, SignalCodec]

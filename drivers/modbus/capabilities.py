@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from hashlib import sha256
 
 from drivers.modbus.output import LOOK_S
@@ -14,6 +15,9 @@ from register_maps.words import Door, Side
 
 OPEN_CONTACT: Mapping[int, str] = {0: Door.CLOSED, 1: Door.OPEN}
 """The meaning of a door at a single point where the map names no values."""
+
+KINDS = 64
+"""Kinds of lifts whose capabilities are shared. Chosen: more than a site has maps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +38,12 @@ class LiftSettings:
 
 
 def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings) -> Capabilities:
-    """Return the capabilities of a lift that is polled in these blocks."""
+    """Return the capabilities of a lift that is polled in these blocks. Lifts that are alike share them."""
+    return _capabilities(codec, blocks, control=settings.control, max_age_s=settings.max_age_s)
+
+
+@lru_cache(maxsize=KINDS)
+def _capabilities(codec: Codec, blocks: tuple[Block, ...], *, control: bool, max_age_s: float) -> Capabilities:
     source = codec.map
     deciding: set[Point] = set()
     for name, signal in codec.signals.items():
@@ -44,13 +53,13 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
     mode = source.commands.get("robot_mode")
     watching = any(command.on_link_loss == "device_watchdog" for command in source.commands.values())
     return Capabilities(
-        commands=frozenset(codec.commands) if settings.control else frozenset(),
+        commands=frozenset(codec.commands) if control else frozenset(),
         signals=frozenset(codec.signals),
         doors=tuple(side for side in Side if f"door.{side}" in codec.signals),
         one_block=any(all(block.holds(point) for point in deciding) for block in blocks),
         evidence=source.at_floor_evidence.kind,
         evidence_for_s=source.at_floor_evidence.for_s or 0.0,
-        max_age_s=settings.max_age_s,
+        max_age_s=max_age_s,
         requires={name: frozenset(command.requires) for name, command in source.commands.items() if command.requires},
         granted_within_s=mode.granted_within_s if mode is not None else 600.0,
         arrive_within_s=max((call.arrive_within_s for call in calls.values()), default=120.0),

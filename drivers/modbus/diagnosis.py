@@ -25,7 +25,7 @@ class Diagnosis:
         self._units = units
         self._name = name
         self._refused: dict[Block, str] = {}
-        self._reported: set[tuple[str, int]] = set()
+        self._reported: tuple[tuple[str, int], ...] = ()
 
     async def explain(self, error: ControllerException, block: Block) -> ControllerException:
         """Return the error of a poll with the signals it is about; if addresses are not served, find out which."""
@@ -48,7 +48,7 @@ class Diagnosis:
         """Log each value outside its table once, however often it is read."""
         for signal, raw in values.unknown.items():
             if (signal, raw) not in self._reported:
-                self._reported.add((signal, raw))
+                self._reported += ((signal, raw),)
                 where = ", ".join(_addresses(self._codec, signal))
                 message = "%s: %s (%s) reads %d, which the map and the site do not list; it counts as unknown"
                 _log.warning(message, self._name, signal, where, raw)

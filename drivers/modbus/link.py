@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from enum import StrEnum, unique
 
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
+from drivers.flag import Flag
 from drivers.modbus.declared_writes import DeclaredWrites, UndeclaredWrite
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.transactions import NO_ANSWER, Permit, Transactions
@@ -74,10 +75,10 @@ class Link:
         """Whether the newest outage has a log line of its own."""
         self._summary: asyncio.TimerHandle | None = None
         self._running = False
-        self._up = asyncio.Event()
-        self._down = asyncio.Event()
-        self._closing = asyncio.Event()
-        self._ended = asyncio.Event()
+        self._up = Flag()
+        self._down = Flag()
+        self._closing = Flag()
+        self._ended = Flag()
 
     @property
     def state(self) -> LinkState:

@@ -8,6 +8,7 @@ import math
 from contextlib import suppress
 
 from drivers.errors import BUSY, ControllerException, Delivery, DriverError, PressRefused
+from drivers.flag import Flag
 from drivers.modbus.foreign_writes import ForeignWriteCheck
 from drivers.modbus.output import matches
 from drivers.modbus.outputs import Outputs
@@ -49,9 +50,9 @@ class OutputWorker:
         self._foreign_writes = foreign_writes
         self._bug: Exception | None = None
         self._bug_at = math.inf
-        self._logged: set[str] = set()
+        self._logged: dict[str, None] = {}
         """Outputs whose failure was logged, once until they are on again."""
-        self._wakes = {endpoint: asyncio.Event() for endpoint in outputs.endpoints}
+        self._wakes = {endpoint: Flag() for endpoint in outputs.endpoints}
         self._rested: asyncio.Event | None = None
         """Somebody waits until every output is at rest."""
 
@@ -148,7 +149,7 @@ class OutputWorker:
                     press.add_frame(request)
             self._outputs.record_write(step, loop.time())
             self._reports.report_states()
-            self._logged.discard(step.name)
+            self._logged.pop(step.name, None)
             if press is not None and step.kind is StepKind.PRESS and not press.ended:
                 self._presses.await_proof(press, self._reports.confirmation(step.name), self._reports.values)
             if looked is None and not self._outputs.defer_verification(step, loop.time()):
@@ -210,13 +211,13 @@ class OutputWorker:
     def _log_failure(self, step: Step, error: DriverError, *, is_warning: bool) -> None:
         """Log a write that failed; as a warning, once, if the controller refuses it and no press reports it."""
         if is_warning:
-            self._logged.add(step.name)
+            self._logged[step.name] = None
         what = self._writer.printed(step.name)
         message = "%s: %s of %s failed: %s"
         _log.log(logging.WARNING if is_warning else logging.DEBUG, message, self._lift, step.kind, what, error)
 
 
-async def _sleep_until(when: float, wake: asyncio.Event) -> None:
+async def _sleep_until(when: float, wake: Flag) -> None:
     wake.clear()
     with suppress(TimeoutError):
         async with asyncio.timeout_at(None if math.isinf(when) else when):

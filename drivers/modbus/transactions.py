@@ -69,6 +69,41 @@ class Transactions:
     answer or the time-out, so that no later request gets a late answer.
     """
 
+    __slots__ = (
+        "_busy_pause",
+        "_commands",
+        "_commands_in_a_row",
+        "_deadline",
+        "_gap",
+        "_gap_s",
+        "_job",
+        "_latencies",
+        "_latency",
+        "_loop",
+        "_name",
+        "_on_broken",
+        "_on_proved",
+        "_overdue",
+        "_reads",
+        "_sent_at",
+        "_sent_before",
+        "_settings",
+        "_silent",
+        "_stats",
+        "_strikes",
+        "_tid_echo",
+        "_timeouts_in_a_row",
+        "_timer",
+        "_timer_at",
+        "_unanswered",
+        "_unpaused",
+        "_wire",
+        "_write_wait_s",
+        "asked_at",
+        "last_tid",
+        "proved",
+    )
+
     def __init__(
         self,
         name: str,
@@ -111,7 +146,7 @@ class Transactions:
         """Since the last answer of any unit."""
         self._strikes = 0
         """Those of them that count against the connection: not of units that were silent before."""
-        self._unanswered: set[int] = set()
+        self._unanswered: dict[int, None] = {}
         """Units with time-outs since the last answer of any unit."""
         self._silent = stats.silent_units
         self._commands_in_a_row = 0
@@ -209,7 +244,7 @@ class Transactions:
             # the connection answers: end the backoff of all units
             for latency in self._latencies.values():
                 latency.end_backoff()
-            self._silent |= self._unanswered
+            self._silent.update(self._unanswered)
             self._unanswered.clear()
             self._timeouts_in_a_row = self._strikes = 0
         self._silent.discard(unit)
@@ -361,7 +396,7 @@ class Transactions:
         waited_s, unit = round(self._deadline - self._sent_at, 3), job[1].unit
         self._stats.timeouts += 1
         self._timeouts_in_a_row += 1
-        self._unanswered.add(unit)
+        self._unanswered[unit] = None
         # a unit that was silent before does not count against the connection, unless no unit answers
         if unit not in self._silent or self._timeouts_in_a_row >= _STRIKES * len(self._latencies):
             self._strikes += 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from drivers.errors import DriverError
+from drivers.flag import Flag
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.ticker import Ticker
 
@@ -27,7 +28,7 @@ class LiftPoll:
         """The lifts of a site share a ticker. `first_poll_s` delays the first poll, so that they do not poll in one burst."""
         self.polls = 0
         """Polls that have ended, well or not: it rises for as long as our own loop advances."""
-        self.looked = asyncio.Event()
+        self.looked = Flag()
         """The lift has been read."""
         self._actor = actor
         self._first_poll_s = first_poll_s
