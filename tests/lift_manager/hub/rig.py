@@ -22,17 +22,12 @@ from lift_manager.hub.rows import StoredEvent
 from lift_manager.hub.service import Hub
 from lift_manager.hub.site_face import HubSettings, SiteFace
 from lift_manager.hub.web import make_hub_app
-from lift_manager.lift.journal import Row, RowKind
-from lift_manager.store.retention import Limits
-from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import PendingRow
 from tests.lift_manager.web.fake import FakeSite
+from tests.support.journal import Journal
 from tests.support.programs import HANGS_S, free_port
 from tests.support.virtual_time import cancel_all
 
 NATS_SERVER = str(Path(sys.executable).with_name("nats-server"))
-T0 = 1_795_200_000_000_000
-DAY = 86_400_000_000
 
 Found = TypeVar("Found")
 
@@ -43,32 +38,6 @@ async def until(look: Callable[[], Awaitable[Found]]) -> Found:
         while not (found := await look()):  # noqa: ASYNC110  it looks at other processes
             await asyncio.sleep(0.02)
     return found
-
-
-class Journal:
-    """Writes the journal of a site as its manager does; a row a second."""
-
-    def __init__(self, path: Path, since_s: int = 0) -> None:
-        self.path = path
-        self._store = SqliteStore(path, "Main hospital", Limits(keep_days=1, max_mb=500))
-        self._store.load()
-        self._at = T0 + since_s * 1_000_000
-
-    def write(self, *texts: str) -> None:
-        rows = []
-        for text in texts:
-            rows.append(PendingRow(self._at, Row(RowKind.PRESS, text, "lift", "workshop:r1")))
-            self._at += 1_000_000
-        self._store.commit({}, rows)
-
-    def cut_through(self, seq: int) -> None:
-        """Go on a day after this row, when those up to it are too old."""
-        check = True
-        while self._store.do_upkeep(T0 + DAY + seq * 1_000_000, check=check).more:
-            check = False
-
-    def end(self) -> None:
-        self._store.close()
 
 
 class Rig:

@@ -12,8 +12,9 @@ from lift_manager.hub.messages import News, Position
 from lift_manager.hub.remote_site import MOST_NEWS, SiteState
 from lift_manager.hub.site_face import MOST_REQUESTS
 from lift_manager.lift.state import LiftState
-from tests.lift_manager.hub.rig import Journal, Rig, until
+from tests.lift_manager.hub.rig import Rig, until
 from tests.lift_manager.web.fake import FakeSite
+from tests.support.journal import Journal
 from tests.support.programs import HANGS_S
 
 COMMAND = {"ticket": "t", "key_id": "0" * 8, "signature": "A" * 43, "action": "{}"}

@@ -22,9 +22,10 @@ from lift_manager.hub.web import make_hub_app
 from lift_manager.lift.state import Quality
 from lift_manager.web.error_codes import HUB_CODES
 from lift_manager.web.events.readers import OpenStreams
-from tests.lift_manager.hub.rig import Journal, Rig, until
+from tests.lift_manager.hub.rig import Rig, until
 from tests.lift_manager.web.fake import FakeSite
 from tests.lift_manager.web.fake_lifts import IDLE
+from tests.support.journal import Journal
 
 SECRET = "7" * 64
 KEYS = {role: Key(f"{number:08x}", f"the {role}", role) for number, role in enumerate(Role)}
