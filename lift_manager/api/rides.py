@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from lift_manager.api.fields import Answer, Door, Recorded, RequestModel, Seconds, Words
 from lift_manager.api.sessions import IdempotencyKey, RobotName
-from lift_manager.lift.session import Advice
+from lift_manager.lift.session import Advice, Holder
 from lift_manager.rides import ride as rides
 from lift_manager.rides.ride import Guidance, Phase
 from register_maps.words import Side
@@ -52,6 +52,20 @@ class RideRequest(RequestModel):
         if self.from_ == self.to:
             raise PydanticCustomError("misfit", "must be another floor than from", {"field": "to"})
         return self
+
+    def of(self, caller: Holder, lifts: tuple[str, ...]) -> rides.RideRequest:
+        """Return this as the request of a caller; `lifts` are all that it may command, for `any` to choose among."""
+        return rides.RideRequest(
+            lifts=lifts if self.lift == ANY else (self.lift,),
+            any_lift=self.lift == ANY,
+            start=self.from_,
+            destination=self.to,
+            door=self.door,
+            robot=self.robot or "",
+            caller=caller,
+            key=self.idempotency_key or "",
+            limits=rides.RideLimits(**self.limits.model_dump()),
+        )
 
 
 class CancelRequest(RequestModel):

@@ -155,5 +155,10 @@ def refusal(role: Role, own: Sequence[str], need: AccessLevel, requested: Sequen
     return ""
 
 
+def commandable(role: Role, own: Sequence[str], every: Sequence[str]) -> tuple[str, ...]:
+    """Return the lifts that a key commands: all, or those that it names."""
+    return tuple(lift for lift in every if role not in OF_SOME_LIFTS or lift in own)
+
+
 def _listed(words: Sequence[str], last: str = "or") -> str:
     return f" {last} ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import grp
+import os
 import pwd
 import stat
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, print_lin
 from lift_manager.commissioning.backup import BackupUnusable, Entry, Manifest, hash_of, write_archive
 from lift_manager.commissioning.checkout.record import Record, RecordUnusable, load
 from lift_manager.commissioning.output import OutputRefused, check_free
+from lift_manager.config.hub import leaf_files
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.tls import path_of
 from lift_manager.plain.text import counted
@@ -30,6 +32,7 @@ from lift_manager.store.keys import keys_path, read_keys
 from lift_manager.store.restored import StoreContent, copy_verified
 from register_maps.load import MAPS
 
+_CA = "a certificate of a CA"
 NOT_COPIED = (".db", ".db-wal", ".db-shm", ".db-journal", ".lock", ".new", ".new-journal")
 """Endings of what belongs to a running manager; the database itself is copied in a way of its own."""
 
@@ -44,8 +47,8 @@ def backup(
 ) -> None:
     """Back up a site.
 
-    The archive has the site file, maps, certificates and keys, state, journal, API keys and checkout records. The manager may run
-    meanwhile. What was written is verified. The archive holds private keys: only you may read it. `lift-manager restore` puts it back.
+    The archive has the site file, maps, certificates and keys, state, journal, API keys, checkout records, and the configuration of the
+    leaf node of a site with a hub. The manager may run meanwhile. What was written is verified. The archive holds private keys: only you may read it. `lift-manager restore` puts it back.
 
     Example: lift-manager backup /etc/lift-manager/site.yaml -o tower.tar.gz
     """
@@ -103,6 +106,7 @@ def _collect(loaded: LoadedSite, store: Path, scratch: Path) -> _Found:
     found = _Found()
     for about, path in _site_files(loaded):
         _add(found, loaded, store, about, path)
+    _add_leaf_node(found, loaded, store)
     own = [*sorted(store.parent.glob(f"{escape(store.stem)}.*"))] if store.parent.is_dir() else []
     kept = [path for path in own if not path.name.endswith(NOT_COPIED) or path.name.endswith(".keys.json.lock")]
     if not kept and not store.exists():
@@ -136,7 +140,25 @@ def _site_files(loaded: LoadedSite) -> Iterator[tuple[str, Path]]:
             yield "a certificate", path_of(folder, part.certificate)
             for name in ("ca", "client_ca"):
                 if (file := getattr(part, name, None)) is not None:
-                    yield "a certificate of a CA", path_of(folder, file)
+                    yield _CA, path_of(folder, file)
+    if loaded.site.hub is not None:
+        yield "the password for the leaf node", path_of(folder, loaded.site.hub.password)
+
+
+def _add_leaf_node(found: _Found, loaded: LoadedSite, store: Path) -> None:
+    """Add what the leaf node of a site with a hub needs, if it lies beside the password; it may be on another computer, or another user's."""
+    if loaded.site.hub is None:
+        return
+    leaf_conf, ca = leaf_files(loaded.site, loaded.path.parent)
+    for about, path in (("the configuration of the leaf node, with the site's key for the hub", leaf_conf), (_CA, ca)):
+        if os.access(path, os.R_OK):
+            _add(found, loaded, store, about, path)
+        elif path == leaf_conf or path.exists():
+            why = "this user may not read it; root may" if path.exists() else "it is not beside the password"
+            found.left_out.append((str(path), f"{about}: {why}"))
+    found.left_out.append(
+        ("the rows that the leaf node keeps for the hub", "they are copies of the journal, which is in here")
+    )
 
 
 def _about(path: Path) -> str:

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from socket import socket
 from typing import Annotated, Any
+from urllib.parse import quote, urlsplit
 
 import httpx
 import typer
@@ -25,9 +26,11 @@ from lift_manager.cli.keys import check_name, current_user, keep_to_owner, key_l
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.tls_options import Ca, tls_context
+from lift_manager.hub.commands import read_action
 from lift_manager.hub.connection import require_nats
-from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing
+from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing, SiteRefused
 from lift_manager.hub.folder import HttpSettings, HubFolder, HubSettings, NatsSettings
+from lift_manager.hub.messages import BeginRide, CancelRide
 from lift_manager.hub.nats_server import NatsServerMissing
 from lift_manager.hub.service import Hub
 from lift_manager.hub.signing import sign, signed_text
@@ -70,7 +73,8 @@ def hub(
 ) -> None:
     """Serve the lifts of many sites, or manage the sites.
 
-    Runs a NATS server for the leaf nodes of the sites. Ctrl-C or SIGTERM ends both; the sites run as before.
+    Runs a NATS server for the leaf nodes of the sites, unless hub.yaml names servers that run by themselves. Ctrl-C or SIGTERM ends both;
+    the sites run as before.
 
     Example: lift-manager hub --folder hub
     """
@@ -241,9 +245,12 @@ def revoke(
 @app.command("send")
 def send(
     site: SiteName,
-    lift: Annotated[str, typer.Argument(metavar="LIFT", help="The lift of the site.")],
     action: Annotated[
-        str, typer.Argument(metavar="ACTION", help="The action as JSON; docs/reference/hub.md has all of them.")
+        list[str],
+        typer.Argument(
+            metavar="[LIFT] ACTION",
+            help="The lift, unless the action is about a ride; and the action as JSON. docs/reference/hub.md has all of them.",
+        ),
     ],
     *,
     key_file: Annotated[
@@ -257,26 +264,48 @@ def send(
     ] = "http://127.0.0.1:5080",
     ca: Ca = None,
 ) -> None:
-    """Send one signed action to a lift of a site, and print the reply.
+    """Send one signed action to a site, and print the reply.
 
     Send it again with the same idempotency key to learn what became of it.
 
     Example: lift-manager hub send berlin goods '{"what": "open", "body": {"idempotency_key": "a1"}}' --key-file site.key
     """
+    *lifts, text = action
+    if len(lifts) > 1:
+        raise typer.BadParameter(
+            "write one action, or a lift and one action; JSON goes into quotes", param_hint="ACTION"
+        )
+    lift = "".join(lifts)
     site_key, hub_key = key_of(key_file), key_of(hub_key_file) if hub_key_file else None
     if site_key is None:
         raise fail(f"{key_file} holds no key")
     headers = {} if hub_key is None else {"Authorization": f"Bearer {hub_key.reveal()}"}
+    path = f"/lifts/{lift}/commands" if lift else _path_of_ride(text)
     tls = tls_context(ca, None, None)
     try:
         with httpx.Client(base_url=f"{address}/api/v1/sites/{site}", headers=headers, verify=tls) as client:
             ticket = _reply(client.post("/tickets"))["ticket"]
-            key_id, signature = sign(site_key, signed_text(site, lift, ticket, action))
-            body = {"ticket": ticket, "key_id": key_id, "signature": signature, "action": action}
-            reply = _reply(client.post(f"/lifts/{lift}/commands", json=body))
+            key_id, signature = sign(site_key, signed_text(site, lift, ticket, text))
+            body = {"ticket": ticket, "key_id": key_id, "signature": signature, "action": text}
+            reply = _reply(client.post(path, json=body))
     except httpx.HTTPError as error:
         raise fail(f"no hub answers at {address} ({error}); name it with --hub URL") from error
     print_lines([json.dumps({name: value for name, value in reply.items() if value is not None}, indent=2)])
+
+
+def _path_of_ride(text: str) -> str:
+    """Return where an action about a ride is sent to."""
+    try:
+        action = read_action(text)
+    except SiteRefused as refused:
+        raise fail(str(refused)) from refused
+    match action:
+        case BeginRide():
+            return "/rides"
+        case CancelRide(ride=ride):
+            return f"/rides/{quote(ride, safe='')}/cancel"
+        case _:
+            raise fail(f"name the lift before the action: `{action.what}` is for one lift")
 
 
 def _reply(response: httpx.Response) -> Any:
@@ -311,7 +340,11 @@ def _reporting() -> Iterator[None]:
 
 def _cautions(settings: HubSettings) -> Iterator[str]:
     """Yield what people should know at every start, a line each."""
-    if settings.nats.tls is None and not is_loopback(settings.nats.leaf_host):
+    for url in settings.nats.servers:
+        parts = urlsplit(url)
+        if parts.scheme == "nats" and not is_loopback(parts.hostname or ""):
+            yield f"the hub connects to {url} without TLS: others on the way can read its password and what sites send; write tls://"
+    if settings.nats.tls is None and not settings.nats.servers and not is_loopback(settings.nats.leaf_host):
         yield f"leaf nodes connect to {settings.nats.leaf_host} without TLS: others on the way can read and change what sites send; add `nats: {{tls: ...}}`"
     if settings.http.tls is None and not is_loopback(settings.http.host):
         yield f"the API listens on {settings.http.host} without TLS: keys cross the network as they are; add `http: {{tls: ...}}`"

@@ -29,6 +29,9 @@ ROUTES: tuple[Route, ...] = (
     Route(_POST, f"{_SITE}/tickets", AccessLevel.COMMAND, LiftIn.BODY),
     Route(_GET, f"{_SITE}/lifts", AccessLevel.READ),
     Route(_GET, f"{_SITE}/rides", AccessLevel.READ),
+    Route(_POST, f"{_SITE}/rides", AccessLevel.COMMAND, LiftIn.BODY),
+    Route(_GET, f"{_SITE}/rides/{{ride}}", AccessLevel.READ),
+    Route(_POST, f"{_SITE}/rides/{{ride}}/cancel", AccessLevel.COMMAND, LiftIn.BODY),
     Route(_GET, f"{_SITE}/lifts/{{lift}}", AccessLevel.READ, LiftIn.PATH),
     Route(_POST, f"{_SITE}/lifts/{{lift}}/commands", AccessLevel.COMMAND, LiftIn.PATH),
 )
@@ -92,6 +95,14 @@ class RemoteRidesAnswer(Answer):
     site: str
     round_trip_s: Seconds = Field(description="How long request and reply took.")
     rides: tuple[RemoteRide, ...]
+
+
+class RemoteRideAnswer(Answer):
+    """One ride of a site, requested from it for this reply."""
+
+    site: str
+    round_trip_s: Seconds = Field(description="How long request and reply took.")
+    ride: RemoteRide
 
 
 class SwitchOffRequest(RequestModel):

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import hmac
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Protocol
 
 from pydantic import TypeAdapter, ValidationError
 
 from lift_manager.api.keys import Key
-from lift_manager.api.roles import AccessLevel, refusal
+from lift_manager.api.rides import ANY, Plan, RideRequest
+from lift_manager.api.roles import OF_SOME_LIFTS, AccessLevel, commandable, refusal
 from lift_manager.api.sessions import Command, Session
 from lift_manager.hub.errors import SiteRefused
 from lift_manager.hub.messages import (
     REMOTE,
     Action,
+    BeginRide,
+    CancelRide,
     CloseSession,
     CommandMessage,
     CommandResult,
+    LiftAction,
     OpenSession,
     ProblemMessage,
+    RemoteRide,
     RenewSession,
+    RideAction,
     SendCommand,
 )
 from lift_manager.hub.signing import signature, signed_text
@@ -27,14 +35,28 @@ from lift_manager.hub.tickets import Tickets
 from lift_manager.lift.commands import CommandRequest, SessionInfo
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.session import Holder
+from lift_manager.rides import ride as rides
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.refusals import FaceRefusal
 from lift_manager.runtime.site import Site
+from lift_manager.web.callers import RIDE_FACE, ROBOT_SEPARATOR, holder_named
 
 FACE = "hub"
 """The face of every holder whose session was opened through the hub."""
 
 _ACTION: TypeAdapter[Action] = TypeAdapter(Action)
+
+
+def read_action(text: str) -> Action:
+    """Return the action of a command. Raises SiteRefused with the first mistake."""
+    try:
+        return _ACTION.validate_json(text)
+    except ValidationError as error:
+        found = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(str(part) for part in found["loc"])
+        raise SiteRefused(
+            ProblemMessage(code="malformed", status=422, message=f"action: {where} {found['msg']}")
+        ) from error
 
 
 class Signers(Protocol):
@@ -61,17 +83,21 @@ class Commands:
             text = "the ticket is not good: it was used, or the command arrived later than 2 s after it was issued. Nothing was done"
             raise self._refused("ticket_over", 409, text, lift, key)
         try:
-            action: Action = _ACTION.validate_json(command.action)
-        except ValidationError as error:
-            found = error.errors(include_url=False, include_input=False)[0]
-            where = ".".join(str(part) for part in found["loc"])
-            raise self._refused("malformed", 422, f"action: {where} {found['msg']}", lift, key) from error
+            action = read_action(command.action)
+        except SiteRefused as refused:
+            raise self._refused("malformed", 422, str(refused), lift, key) from refused
+        if isinstance(action, BeginRide | CancelRide):
+            if lift:
+                text = "action: a ride names its lift itself, and is sent for none"
+                raise self._refused("malformed", 422, text, lift, key)
+            return await self._carry_out_ride(action, key)
+        self._require_allowed(key, (lift,))
         result = self._do(action, lift, key)
         recorded = await self._site.recorded(lift)
         return _with_recorded(result, recorded=recorded)
 
     def _signer(self, message: CommandMessage) -> Key:
-        """Return the key that signed a command. Raises SiteRefused if there is none, or if it may not command the lift."""
+        """Return the key that signed a command. Raises SiteRefused if there is none."""
         lift, command = message.lift, message.command
         text = signed_text(self._site_id, lift, command.ticket, command.action)
         found = self._signers.find_by_id(command.key_id)
@@ -80,11 +106,43 @@ class Commands:
         if key is None or not matches:
             why = "the signature is not that of a live key of this site: sign with a key of the site, not with that of the hub"
             raise self._refused("bad_key", 401, why, lift, None)
-        if why := refusal(key.role, key.lifts, AccessLevel.COMMAND, (lift,)):
-            raise self._refused("not_allowed", 403, why, lift, key)
         return key
 
-    def _do(self, action: Action, lift: str, key: Key) -> CommandResult:
+    def _require_allowed(self, key: Key, lifts: Sequence[str]) -> None:
+        """Raise SiteRefused if a key may not command all of these lifts."""
+        if why := refusal(key.role, key.lifts, AccessLevel.COMMAND, lifts):
+            raise self._refused("not_allowed", 403, why, "".join(lifts[:1]), key)
+
+    async def _carry_out_ride(self, action: RideAction, key: Key) -> CommandResult:
+        if isinstance(action, CancelRide):
+            ride = self._cancel(action, key)
+        else:
+            request = self._ride_request(action.body, key)
+            if action.body.dry_run:
+                return CommandResult(plan=Plan.model_validate(self._site.rides.plan(request)))
+            _require_idempotency(action.body.idempotency_key)
+            ride = self._site.rides.begin(request, is_remote=True).ride
+        recorded = await self._site.recorded(ride.lift)
+        with suppress(NotFound):  # it may have been forgotten meanwhile
+            ride = self._site.rides.ride(ride.id)
+        return CommandResult(ride=RemoteRide.of(ride).model_copy(update={"recorded": recorded}))
+
+    def _ride_request(self, body: RideRequest, key: Key) -> rides.RideRequest:
+        """Return the request of a ride, which is that of the key, as at the site: there its robot reports with the same key."""
+        lifts = commandable(key.role, key.lifts, self._site.lift_names()) if body.lift == ANY else (body.lift,)
+        self._require_allowed(key, lifts)
+        return body.of(holder_named(RIDE_FACE, key.name, body.robot), lifts)
+
+    def _cancel(self, action: CancelRide, key: Key) -> rides.Ride:
+        """Cancel a ride. Nobody reports for its robot from afar, so this counts as a decision of an operator."""
+        ride = self._site.rides.ride(action.ride)
+        self._require_allowed(key, (ride.lift,))
+        if key.role in OF_SOME_LIFTS and ride.caller.name.partition(ROBOT_SEPARATOR)[0] != key.name:
+            text = "another key began this ride; only that key, or an operator's, cancels it"
+            raise self._refused(Refusal.NOT_YOUR_RIDE, 403, text, ride.lift, key)
+        return self._site.rides.cancel(ride.id, None, f"{action.body.reason} (through the hub, by {key.name})")
+
+    def _do(self, action: LiftAction, lift: str, key: Key) -> CommandResult:
         site = self._site
         match action:
             case OpenSession(body=body):

@@ -4,6 +4,7 @@ HubError
 ├── NatsMissing     nats-py or a NATS server is not installed; the message says what to do
 ├── FolderUnusable  a file of the hub's folder cannot be used
 ├── SiteSilent      a site did not reply in time, or is not connected
+├── BadReply        a site sent a reply that cannot be read
 └── SiteRefused     a site replied that it does not do what was requested
 """
 
@@ -36,6 +37,10 @@ class SiteSilent(HubError):
     def __init__(self, text: str, *, was_sent: bool) -> None:
         super().__init__(text)
         self.was_sent = was_sent
+
+
+class BadReply(HubError):
+    """A site sent a reply that cannot be read; what was requested may have been done."""
 
 
 class SiteRefused(HubError):

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic_core import PydanticCustomError
 
-from lift_manager.api.fields import Answer, RequestModel, Seconds, Token
+from lift_manager.api.fields import Answer, Recorded, RequestModel, Seconds, Token
 from lift_manager.api.lifts import Age, Held, Lift, Restricted
+from lift_manager.api.rides import CancelRequest, Plan, Ride, RideRequest
 from lift_manager.api.sessions import Command, CommandRequest, OpenSessionRequest, RenewRequest, Session
 from lift_manager.lift.commands import CommandType
 from lift_manager.lift.state import Quality
+from lift_manager.rides import ride as rides
 from lift_manager.rides.ride import Phase
 from register_maps.words import Door, Mode, Motion, Side
 
@@ -132,6 +135,12 @@ class RemoteRide(Answer):
     maybe_aboard: bool
     begun_at: AwareDatetime
     changed_at: AwareDatetime
+    recorded: Recorded = True
+
+    @classmethod
+    def of(cls, ride: rides.Ride) -> RemoteRide:
+        """Return a ride without what guides its robot."""
+        return cls.model_validate(Ride.of(ride))
 
 
 class RemoteRides(Answer):
@@ -144,6 +153,12 @@ class LiftsRequest(_Message):
     """Request for one lift, or for all."""
 
     lift: str | None = Field(default=None, max_length=64)
+
+
+class RidesRequest(_Message):
+    """Request for one ride, or for all."""
+
+    ride: str | None = Field(default=None, max_length=64)
 
 
 class Ticket(Answer):
@@ -183,8 +198,28 @@ class SendCommand(RequestModel):
     body: CommandRequest
 
 
-Action = Annotated[OpenSession | RenewSession | CloseSession | SendCommand, Field(discriminator="what")]
-"""All that the hub may command. Acknowledging, lockouts, drains and forced releases are for people at the site."""
+class BeginRide(RequestModel):
+    """Begin a ride, which waits until its robot reports at the site."""
+
+    what: Literal["ride"]
+    body: RideRequest
+
+
+class CancelRide(RequestModel):
+    """Cancel a ride; a robot that may be inside is let out first."""
+
+    what: Literal["cancel_ride"]
+    ride: Annotated[str, StringConstraints(min_length=1, max_length=64)]
+    body: CancelRequest = CancelRequest()
+
+
+LiftAction = OpenSession | RenewSession | CloseSession | SendCommand
+"""What is sent for one lift."""
+RideAction = BeginRide | CancelRide
+"""What names its lift itself."""
+Action = Annotated[LiftAction | RideAction, Field(discriminator="what")]
+"""All that the hub may command. Acknowledging, lockouts, drains and forced releases are for people at the site, and what a ride's robot
+reports is for the robot."""
 
 REMOTE = frozenset({CommandType.GO_TO, CommandType.HOLD_DOOR, CommandType.RELEASE_DOOR})
 """The commands within a session. The others claim what only somebody at the lift knows: that the doorway is clear, that the robot is in
@@ -192,7 +227,7 @@ place, or out; the last of these would be as good as an acknowledgement."""
 
 
 class SignedCommand(RequestModel):
-    """A command for a lift, signed by its user with a key of the site."""
+    """A command, signed by its user with a key of the site."""
 
     ticket: Token
     key_id: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{8}$")] = Field(
@@ -210,6 +245,7 @@ class CommandMessage(_Message):
     """A command on its way to a site."""
 
     lift: str = Field(max_length=64)
+    """Empty for a ride."""
     command: SignedCommand
 
 
@@ -222,7 +258,18 @@ class ProblemMessage(_Message):
 
 
 class CommandResult(Answer):
-    """What became of a command: the session, or the command within it. The id of a session reaches its holder through here alone."""
+    """What became of a command: the session, the command within it, the ride, or the plan of a ride.
+
+    The id of a session reaches its holder through here alone.
+    """
 
     session: Session | None = None
     command: Command | None = None
+    ride: RemoteRide | None = None
+    plan: Plan | None = None
+
+    @model_validator(mode="after")
+    def _has_one(self) -> CommandResult:
+        if sum(part is not None for part in (self.session, self.command, self.ride, self.plan)) != 1:
+            raise PydanticCustomError("misfit", "must have one of session, command, ride and plan")
+        return self

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from lift_manager.hub import subjects
 from lift_manager.hub.connection import Connection, raise_if_cancelled
-from lift_manager.hub.errors import SiteRefused, SiteSilent
+from lift_manager.hub.errors import BadReply, SiteRefused, SiteSilent
 from lift_manager.hub.messages import (
     NEWS_EVERY_S,
     CommandMessage,
@@ -26,6 +26,7 @@ from lift_manager.hub.messages import (
     ProblemMessage,
     RemoteLifts,
     RemoteRides,
+    RidesRequest,
     RowMessage,
     Ticket,
 )
@@ -145,24 +146,24 @@ class RemoteSite:
                 self._flooded, self._limiter = False, RateLimiter(MOST_NEWS, FLOOD_S)
 
     async def lifts(self, lift: str | None) -> LiftsReply:
-        """Request one lift, or all, from the site itself. Raises SiteSilent and SiteRefused."""
+        """Request one lift, or all, from the site itself. Raises SiteSilent, BadReply and SiteRefused."""
         sent_at = _now()
         found = await self._request("lifts", LiftsRequest(lift=lift), RemoteLifts, REPLY_S)
         took_s = _now() - sent_at
         return LiftsReply(RemoteLifts(lifts=tuple(entry.after(took_s) for entry in found.lifts)), took_s)
 
-    async def rides(self) -> RidesReply:
-        """Request the rides from the site itself. Raises SiteSilent and SiteRefused."""
+    async def rides(self, ride: str | None) -> RidesReply:
+        """Request one ride, or all, from the site itself. Raises SiteSilent, BadReply and SiteRefused."""
         sent_at = _now()
-        found = await self._request("rides", LiftsRequest(), RemoteRides, REPLY_S)
+        found = await self._request("rides", RidesRequest(ride=ride), RemoteRides, REPLY_S)
         return RidesReply(found, _now() - sent_at)
 
     async def ticket(self) -> Ticket:
-        """Request a ticket for one command. Raises SiteSilent and SiteRefused."""
+        """Request a ticket for one command. Raises SiteSilent, BadReply and SiteRefused."""
         return await self._request("ticket", LiftsRequest(), Ticket, REPLY_S)
 
     async def command(self, message: CommandMessage) -> CommandResult:
-        """Send a command. Raises SiteSilent, after which it may have been carried out, and SiteRefused."""
+        """Send a command. Raises SiteSilent and BadReply, after which it may have been carried out, and SiteRefused."""
         return await self._request("command", message, CommandResult, COMMAND_REPLY_S)
 
     async def _request(self, kind: str, message: BaseModel, model: type[Reply], within_s: float) -> Reply:
@@ -186,7 +187,7 @@ class RemoteSite:
             return model.model_validate_json(reply.data)
         except ValidationError as error:
             self.unreadable += 1
-            raise SiteSilent(f"{self.id} sent a reply that cannot be read", was_sent=True) from error
+            raise BadReply(f"{self.id} sent a reply that cannot be read") from error
 
     async def _subscribe(self) -> Subscription:
         from nats.errors import Error  # noqa: PLC0415

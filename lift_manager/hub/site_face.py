@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel, ValidationError
 
 from lift_manager.api.lifts import Lift
-from lift_manager.api.rides import Ride
 from lift_manager.hub import subjects
 from lift_manager.hub.commands import Commands, Signers
 from lift_manager.hub.connection import Connection
@@ -32,6 +31,7 @@ from lift_manager.hub.messages import (
     RemoteLifts,
     RemoteRide,
     RemoteRides,
+    RidesRequest,
     Ticket,
 )
 from lift_manager.hub.outbox import Outbox
@@ -83,7 +83,7 @@ class SiteFace:
     def __init__(self, settings: HubSettings, name: str, site: Site, signers: Signers | None) -> None:
         """`name` is that of the site file. Without `signers` there are no commands: nobody could sign one."""
         self._settings, self._name, self._site = settings, name, site
-        self._connection = Connection("hub", settings.server, "manager", settings.password)
+        self._connection = Connection("hub", (settings.server,), "manager", settings.password)
         self._commands = Commands(settings.site, site, signers) if settings.commands and signers is not None else None
 
     async def run(self) -> None:
@@ -168,8 +168,9 @@ class SiteFace:
         return RemoteLifts(lifts=tuple(shown))
 
     async def _rides(self, data: bytes) -> RemoteRides:
-        rides = (Ride.of(ride) for ride in self._site.rides.all())
-        return RemoteRides(rides=tuple(RemoteRide.model_validate(ride) for ride in rides))
+        request = RidesRequest.model_validate_json(data)
+        rides = self._site.rides.all() if request.ride is None else (self._site.rides.ride(request.ride),)
+        return RemoteRides(rides=tuple(map(RemoteRide.of, rides)))
 
     async def _ticket(self, data: bytes) -> Ticket:
         return Ticket(ticket=self._require_commands().tickets.issue(_ticket_clock()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Annotated
@@ -14,11 +14,13 @@ from starlette.responses import JSONResponse, Response
 
 from lift_manager.api.keys import Key, Keys
 from lift_manager.api.logins import Logins
+from lift_manager.api.roles import AccessLevel, refusal
 from lift_manager.hub.api import (
     ROUTES,
     Off,
     RemoteLiftAnswer,
     RemoteLiftsAnswer,
+    RemoteRideAnswer,
     RemoteRidesAnswer,
     RemoteSiteInfo,
     SitesAnswer,
@@ -26,9 +28,10 @@ from lift_manager.hub.api import (
     SwitchOffRequest,
     SwitchOnRequest,
 )
-from lift_manager.hub.errors import FolderUnusable, SiteRefused, SiteSilent
+from lift_manager.hub.commands import read_action
+from lift_manager.hub.errors import BadReply, FolderUnusable, SiteRefused, SiteSilent
 from lift_manager.hub.feed import HubFeed
-from lift_manager.hub.messages import CommandMessage, CommandResult, SignedCommand, Ticket
+from lift_manager.hub.messages import BeginRide, CancelRide, CommandMessage, CommandResult, SignedCommand, Ticket
 from lift_manager.hub.metrics import HubMetrics
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.service import Hub
@@ -60,7 +63,13 @@ router = APIRouter(prefix="/api/v1", route_class=JsonRoute, strict_content_type=
 
 SiteName = Annotated[str, in_path("The id of a site.", "berlin")]
 LiftName = Annotated[str, in_path("A lift of the site.", "goods")]
+RideId = Annotated[str, in_path("The id of a ride.", "81c05f2a9d3e7b64")]
 Text = str | SkipJsonSchema[None]
+
+_COMMAND_CODES = (
+    *("unknown_site", "unknown_lift", "site_silent", "unconfirmed", "ticket_over", "bad_key", "not_allowed"),
+    *("monitor_only", "another_site", "too_long", "malformed", "bad_reply"),
+)
 
 
 def make_hub_app(hub: Hub, keys: Keys, *, streams: int | None = None, host_names: Collection[str] = ()) -> FastAPI:
@@ -144,6 +153,19 @@ async def _person(request: Request) -> None:
     if caller_key(request) is None and not is_from_this_computer(request):
         text = "this hub has no keys to identify people, so only a program on its own computer may send this; make keys with `lift-manager hub keys make`"
         raise RequestError("other_computer", text)
+
+
+def _require_lifts(request: Request, lifts: Sequence[str]) -> None:
+    """Raise RequestError if the key of a robot does not name all of these lifts of sites."""
+    key = caller_key(request)
+    if key is not None and (why := refusal(key.role, key.lifts, AccessLevel.COMMAND, lifts)):
+        raise RequestError("not_allowed", why)
+
+
+def _lifts_at(request: Request, site: str) -> tuple[str, ...]:
+    """Return the lifts of a site that the key of the caller names."""
+    key = caller_key(request)
+    return () if key is None else tuple(lift for lift in key.lifts if lift.startswith(f"{site}/"))
 
 
 def _require_site(hub: Hub, site: str) -> None:
@@ -237,8 +259,57 @@ async def one_lift(lift: LiftName, site: Remote) -> RemoteLiftAnswer:
 async def rides(site: Remote) -> RemoteRidesAnswer:
     """Current rides, and those that ended recently, requested from the site for this reply. A robot rides through its site."""
     with _site_errors():
-        reply = await site.rides()
+        reply = await site.rides(None)
     return RemoteRidesAnswer(site=site.id, round_trip_s=reply.round_trip_s, rides=reply.rides.rides)
+
+
+@router.get(
+    "/sites/{site}/rides/{ride}",
+    summary="One ride of a site",
+    tags=["rides"],
+    responses=problems("unknown_site", "unknown_ride", "site_silent", "bad_reply"),
+)
+async def one_ride(ride: RideId, site: Remote) -> RemoteRideAnswer:
+    """Requested from the site for this reply."""
+    with _site_errors():
+        reply = await site.rides(ride)
+    if [found.id for found in reply.rides.rides] != [ride]:
+        raise RequestError("bad_reply", f"{site.id} replied with another ride than the one that was requested")
+    return RemoteRideAnswer(site=site.id, round_trip_s=reply.round_trip_s, ride=reply.rides.rides[0])
+
+
+@router.post(
+    "/sites/{site}/rides",
+    summary="Begin a ride",
+    tags=["rides"],
+    dependencies=[Depends(_change)],
+    responses=problems(*_COMMAND_CODES, "unknown_floor", "key_reused", "too_many", "not_now"),
+)
+async def begin_ride(site: Remote, request: Request, body: SignedCommand) -> CommandResult:
+    """The signed action is a `ride`. It waits at the site until its robot sends `here` there: nothing is pressed for an absent robot."""
+    with _site_errors(is_command=True):
+        action = read_action(body.action)
+        if not isinstance(action, BeginRide):
+            raise RequestError("malformed", "action: what must be `ride`", field="action")
+        _require_lifts(request, [f"{site.id}/{action.body.lift}"])
+        return await site.command(CommandMessage(lift="", command=body))
+
+
+@router.post(
+    "/sites/{site}/rides/{ride}/cancel",
+    summary="Cancel a ride",
+    tags=["rides"],
+    dependencies=[Depends(_change)],
+    responses=problems(*_COMMAND_CODES, "unknown_ride", "not_your_ride", "not_now"),
+)
+async def cancel_ride(ride: RideId, site: Remote, request: Request, body: SignedCommand) -> CommandResult:
+    """The signed action is a `cancel_ride`. A robot that may be inside is let out first, and people are alerted."""
+    with _site_errors(is_command=True):
+        action = read_action(body.action)
+        if not isinstance(action, CancelRide) or action.ride != ride:
+            raise RequestError("malformed", f"action: it must be a `cancel_ride` of {quoted(ride)}", field="action")
+        _require_lifts(request, _lifts_at(request, site.id))
+        return await site.command(CommandMessage(lift="", command=body))
 
 
 @router.post(
@@ -248,8 +319,9 @@ async def rides(site: Remote) -> RemoteRidesAnswer:
     dependencies=[Depends(_change)],
     responses=problems("unknown_site", "site_silent", "monitor_only", "another_site", "bad_reply"),
 )
-async def tickets(site: Remote) -> Ticket:
+async def tickets(site: Remote, request: Request) -> Ticket:
     """Issued by the site, and good for one command within 2 s on its clock: so a command that was held up on its way does nothing."""
+    _require_lifts(request, _lifts_at(request, site.id))
     with _site_errors():
         return await site.ticket()
 
@@ -259,10 +331,7 @@ async def tickets(site: Remote) -> Ticket:
     summary="Command a lift",
     tags=["commands"],
     dependencies=[Depends(_change)],
-    responses=problems(
-        *("unknown_site", "unknown_lift", "site_silent", "unconfirmed", "ticket_over", "bad_key", "not_allowed"),
-        *("monitor_only", "another_site", "too_long", "malformed", "bad_reply"),
-    ),
+    responses=problems(*_COMMAND_CODES),
 )
 async def command(lift: LiftName, site: Remote, body: SignedCommand) -> CommandResult:
     """Passed on to the site, which checks ticket, signature, key and lift, and then does what its own `/api/v1` would.
@@ -349,6 +418,10 @@ def _site_errors(*, is_command: bool = False) -> Iterator[None]:
         if is_command and error.was_sent:
             raise RequestError("unconfirmed", f"{error}; whether the command was carried out is unknown") from error
         raise RequestError("site_silent", str(error)) from error
+    except BadReply as error:
+        if is_command:
+            raise RequestError("unconfirmed", f"{error}; whether the command was carried out is unknown") from error
+        raise RequestError("bad_reply", str(error)) from error
     except SiteRefused as error:
         # a site may send anything: only what has a meaning here is passed on
         if (code := error.problem.code) not in CODES:

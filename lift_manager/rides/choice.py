@@ -46,34 +46,34 @@ class Candidate:
 
 
 def begin_ride(
-    choices: Choices, request: RideRequest, ride_id: str, moment: Moment, *, is_stopping: bool
+    choices: Choices, request: RideRequest, ride_id: str, moment: Moment, *, is_stopping: bool, is_remote: bool = False
 ) -> Step | Refused:
     """Return the first step of a ride that was requested."""
-    return too_many(choices.rides, request.caller) or _begun(choices, request, ride_id, moment, is_stopping=is_stopping)
+    if (refused := too_many(choices.rides, request.caller)) is not None:
+        return refused
+    lift = _lift_for(choices, request, is_stopping=is_stopping)
+    return lift if isinstance(lift, Refused) else begin(request, lift, ride_id, moment, is_remote=is_remote)
 
 
 def plan_ride(choices: Choices, request: RideRequest, moment: Moment, *, is_stopping: bool) -> RidePlan | Refused:
     """Return what a ride would come to now; nothing is begun."""
-    begun = _begun(choices, request, "", moment, is_stopping=is_stopping)
-    if not isinstance(begun, Step):
-        return begun
-    record = begun.record
+    lift = _lift_for(choices, request, is_stopping=is_stopping)
+    if isinstance(lift, Refused):
+        return lift
+    record = begin(request, lift, "", moment).record
     observed = observe(choices.rides, choices.lifts, record, None, moment)
     why = why_not_taken(remember_observed(record, observed, moment), observed, moment)
     return RidePlan(record.lift, observed.ahead + int(observed.is_held_by_another(record.holder)), why)
 
 
-def _begun(
-    choices: Choices, request: RideRequest, ride_id: str, moment: Moment, *, is_stopping: bool
-) -> Step | Refused:
+def _lift_for(choices: Choices, request: RideRequest, *, is_stopping: bool) -> str | Refused:
     if is_stopping:
         return STOPPING
     names = tuple(choices.lifts)
     for name in request.lifts:
         if name not in names:
             return Refused(Refusal.UNKNOWN_LIFT, f"no lift {name!r}; the lifts are {', '.join(names)}")
-    lift = choices.first(request)
-    return lift if isinstance(lift, Refused) else begin(request, lift, ride_id, moment)
+    return choices.first(request)
 
 
 class Choices:

@@ -39,6 +39,7 @@ class CancelRide:
 
     reason: str
     by_operator: bool
+    """Not by the caller that reports for the robot; so is everybody who sends this through the hub."""
 
 
 @dataclass(frozen=True, slots=True)

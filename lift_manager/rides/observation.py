@@ -144,6 +144,9 @@ def _last_read(state: LiftState, moment: Moment) -> str:
 
 # -- why the door does not invite the robot
 
+_WAITS_FOR_ROBOT = "waits for a report of the robot: it has to send `here`"
+"""After a restart of the manager, and where a remote caller began the ride."""
+
 
 def why_not_open(record: RideRecord, observed: RideObservation, floor: FloorName | None) -> str:
     """Return why the door does not invite the robot at a floor; empty while it does."""
@@ -151,7 +154,7 @@ def why_not_open(record: RideRecord, observed: RideObservation, floor: FloorName
     if not is_live(state):
         return _offline_text(record, observed)
     if record.silent_since is not None and not stands_open(record, observed, floor):
-        return "waits for a report of the robot after a restart of the manager: it has to send `here`"
+        return _WAITS_FOR_ROBOT
     if session is None or session.over is not None:
         return "the ride has no session yet"
     if state.holder != record.holder:
@@ -224,11 +227,10 @@ def why_not_taken(record: RideRecord, observed: RideObservation, moment: Moment)
 def _why_silent(record: RideRecord, now: float) -> str:
     if record.silent_since is None:
         return ""
-    waits = "waits for a report of the robot after a restart of the manager: it has to send `here`"
     remaining_s = record.silent_since + RESTORED_FOR_S - now
     if remaining_s > 0:
-        return f"{waits} within {remaining_s:.0f} s to keep its place"
-    return f"{waits}; it has lost its place in the queue"
+        return f"{_WAITS_FOR_ROBOT} within {remaining_s:.0f} s to keep its place"
+    return f"{_WAITS_FOR_ROBOT}; it has lost its place in the queue"
 
 
 def _why_doubted(record: RideRecord, observed: RideObservation) -> str:

@@ -12,8 +12,8 @@ from lift_manager.lift.session import Advice, Holder
 from lift_manager.rides.ride import OVER, Guidance, Phase, Ride, RideRequest
 
 RESTORED_FOR_S = 30.0
-"""How long after a restart a queued ride keeps its place although its robot has not reported. Chosen: a robot that still waits
-sends a request every few seconds, and those behind it would wait in vain."""
+"""How long after a restart, or after a remote begin, a queued ride keeps its place although its robot has not reported. Chosen: a
+robot that waits sends a request every few seconds, and those behind it would wait in vain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class RideRecord:
     offline_since: str = ""
     """The time of day of the last reading of a lift that is offline; empty while it is not."""
     silent_since: float | None = None
-    """Since a restart its robot has not reported, and nothing is requested for it."""
+    """Since a restart, or since a remote caller began the ride, its robot has not reported, and nothing is requested for it."""
     present_at: float = -math.inf
     """When a robot that has a name began the ride, or any robot reported `here`: it knew then how its earlier rides had ended."""
     requested_at: float = -math.inf

@@ -60,8 +60,9 @@ class RideWord(StrEnum):
     LEFT = "left"
     """It is outside, clear of the door. Also accepted once the ride is over: it clears the car."""
     HERE = "here"
-    """It continues the ride: needed after a restart of the manager, when nothing is pressed before the robot reports, and where
-    the robot may be in a car since an earlier ride gave up, for one begun before that or without a name; harmless otherwise."""
+    """It continues the ride: needed after a restart of the manager, and for a ride that a remote caller began, as nothing is pressed
+    before the robot reports; and where the robot may be in a car since an earlier ride gave up, for one begun before that or without
+    a name. Harmless otherwise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -75,8 +75,12 @@ class Step:
     """When a `Tick` is due at the latest."""
 
 
-def begin(request: RideRequest, lift: str, ride_id: str, moment: Moment) -> Step:
-    """Return the first step of a ride: it waits for the lift that was chosen."""
+def begin(request: RideRequest, lift: str, ride_id: str, moment: Moment, *, is_remote: bool = False) -> Step:
+    """Return the first step of a ride: it waits for the lift that was chosen.
+
+    The caller reports for its robot, unless it is remote: then nothing is requested before the robot reports by itself, as after a restart.
+    """
+    knows_robot = bool(request.robot) and not is_remote
     record = RideRecord(
         id=ride_id,
         request=request,
@@ -84,8 +88,10 @@ def begin(request: RideRequest, lift: str, ride_id: str, moment: Moment) -> Step
         phase_since=moment.now,
         begun_at=moment.clock,
         changed_at=moment.clock,
+        reason="begun through the hub" if is_remote else "",
+        silent_since=moment.now if is_remote else None,
         # a robot that has a name knows how its earlier rides ended
-        present_at=moment.now if request.robot else -math.inf,
+        present_at=moment.now if knows_robot else -math.inf,
     )
     return _finish(None, Progress(record), moment)
 

@@ -107,19 +107,25 @@ class SiteRides:
         found = plan_ride(self._fresh_choices(), request, self._moment, is_stopping=self.is_stopping)
         return self._refuse(_only_lift(request), found) if isinstance(found, Refused) else found
 
-    def begin(self, request: RideRequest) -> RideBegun:
-        """Begin a ride, or queue it; the same caller and idempotency key give the same ride."""
+    def begin(self, request: RideRequest, *, is_remote: bool = False) -> RideBegun:
+        """Begin a ride, or queue it; the same caller and idempotency key give the same ride.
+
+        A remote caller does not report for its robot: nothing is requested of a lift before the robot does so itself.
+        """
         self._forget()
         known = all_rides.repeated(self._rides, request)
         if isinstance(known, Refused):
             self._refuse(_only_lift(request), known)
         if known is not None:
-            self._step(known.id, BeginAgain())
+            if not is_remote:
+                self._step(known.id, BeginAgain())
             self._settle(known.id)
             return RideBegun(self._published(known.id), is_new=False)
         self._settle_maybe_aboard(request.holder)
         ride = secrets.token_hex(_ID_BYTES)
-        begun = begin_ride(self._fresh_choices(), request, ride, self._moment, is_stopping=self.is_stopping)
+        begun = begin_ride(
+            self._fresh_choices(), request, ride, self._moment, is_stopping=self.is_stopping, is_remote=is_remote
+        )
         if isinstance(begun, Refused):
             self._refuse(_only_lift(request), begun)
         self._note(begun)
@@ -158,7 +164,10 @@ class SiteRides:
         return self._published(ride) if done.reply is None else self._refuse(record.lift, done.reply)
 
     def cancel(self, ride: str, caller: Holder | None, reason: str) -> Ride:
-        """Cancel a ride: a robot that may be inside is let out first. A repetition changes nothing."""
+        """Cancel a ride: a robot that may be inside is let out first. A repetition changes nothing.
+
+        `caller` None is an operator or a remote caller, neither of whom reports for the robot.
+        """
         self._find(ride, caller)
         self._settle(ride)
         self._step(ride, CancelRide(reason, by_operator=caller is None))

@@ -11,11 +11,11 @@ from fastapi import APIRouter, Depends, Request, Response
 from fastapi.types import DecoratedCallable
 
 from lift_manager.api.rides import ANY, CancelRequest, Plan, Ride, RideRequest, Rides
-from lift_manager.api.roles import Role
+from lift_manager.api.roles import Role, commandable
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.session import Holder
 from lift_manager.rides import ride as domain
-from lift_manager.rides.ride import RideLimits, RideWord
+from lift_manager.rides.ride import RideWord
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.site import Site
 from lift_manager.web.authenticator import caller_key, face_refusal
@@ -143,7 +143,7 @@ async def begin(
         refuse_shared_key(request, body.robot, body.idempotency_key)
     lifts = _commandable_lifts(request, site) if body.lift == ANY else (body.lift,)
     refuse_foreign_lifts(request, lifts)
-    ride_request = _ride_request(body, lifts, holder_of(request, RIDE_FACE, body.robot))
+    ride_request = body.of(holder_of(request, RIDE_FACE, body.robot), lifts)
     with naming_field(_refusal_fields(site, ride_request)):
         if body.dry_run:
             plan = Plan.model_validate(site.rides.plan(ride_request))
@@ -193,7 +193,7 @@ async def left(ride: OwnRide, request: Request, site: ServedSite) -> Ride:
 
 @_report_route(RideWord.HERE, "The robot continues")
 async def here(ride: OwnRide, request: Request, site: ServedSite) -> Ride:
-    """Needed after a restart of the manager, which presses nothing before the robot has reported; harmless otherwise. It has no body."""
+    """Needed after a restart of the manager, and for a ride begun through a hub: nothing is pressed before; harmless otherwise. It has no body."""
     return await _recorded(site, site.rides.report(ride.id, RideWord.HERE, _speaking_for(request, ride)))
 
 
@@ -235,7 +235,7 @@ def _find(site: Site, ride: str) -> domain.Ride:
 def _commandable_lifts(request: Request, site: Site) -> tuple[str, ...]:
     """Return the lifts that the caller may command."""
     key, every = caller_key(request), site.lift_names()
-    return tuple(lift for lift in every if key is None or key.role is not Role.ROBOT or lift in key.lifts)
+    return every if key is None else commandable(key.role, key.lifts, every)
 
 
 def _refusal_fields(site: Site, ride_request: domain.RideRequest) -> dict[Refusal, str]:
@@ -243,20 +243,6 @@ def _refusal_fields(site: Site, ride_request: domain.RideRequest) -> dict[Refusa
     known = set(site.lift_names())
     has_start = any(ride_request.start in site.config(lift).floors for lift in ride_request.lifts if lift in known)
     return {Refusal.UNKNOWN_LIFT: "lift", Refusal.UNKNOWN_FLOOR: "to" if has_start else "from"}
-
-
-def _ride_request(body: RideRequest, lifts: tuple[str, ...], holder: Holder) -> domain.RideRequest:
-    return domain.RideRequest(
-        lifts=lifts,
-        any_lift=body.lift == ANY,
-        start=body.from_,
-        destination=body.to,
-        door=body.door,
-        robot=body.robot or "",
-        caller=holder,
-        key=body.idempotency_key or "",
-        limits=RideLimits(**body.limits.model_dump()),
-    )
 
 
 def _speaking_for(request: Request, ride: domain.Ride) -> Holder | None:

@@ -17,6 +17,7 @@ from lift_manager.api.keys import Key
 from lift_manager.api.roles import Role
 from lift_manager.commissioning.backup import MANIFEST
 from lift_manager.commissioning.checkout.record import record_path, save
+from lift_manager.hub.folder import HubFolder
 from lift_manager.lift.events import Restriction, RestrictionKind
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
@@ -82,6 +83,33 @@ def archive(site: Path, tmp_path: Path) -> Path:
     done = call("backup", site, "-o", tmp_path / "b.tar.gz")
     assert done.returncode == 0, done.stderr
     return tmp_path / "b.tar.gz"
+
+
+def test_the_leaf_node_of_a_site_with_a_hub_comes_back_with_its_secrets(site: Path, tmp_path: Path) -> None:
+    (tmp_path / "hub").mkdir(mode=0o700)
+    files = HubFolder(tmp_path / "hub").add_site("berlin")
+    files.rename(site.parent / "berlin")
+    site.write_text(f"{site.read_text()}hub: {{site: berlin, password: berlin/manager.password}}\n")
+    done = call("backup", site, "-o", tmp_path / "b.tar.gz")
+    lines = done.stdout.splitlines()
+    assert "  berlin/manager.password: the password for the leaf node" in lines, done.stderr
+    assert "  berlin/leaf.conf: the configuration of the leaf node, with the site's key for the hub" in lines
+    assert (
+        "  left out: the rows that the leaf node keeps for the hub: they are copies of the journal, which is in here"
+        in lines
+    )
+    new = tmp_path / "new" / "site.yaml"
+    restored(tmp_path / "b.tar.gz", new)
+    for name in ("leaf.conf", "manager.password"):
+        back = new.parent / "berlin" / name
+        assert back.read_bytes() == (site.parent / "berlin" / name).read_bytes()
+        assert back.stat().st_mode & 0o777 == 0o600
+    (site.parent / "berlin" / "leaf.conf").unlink()
+    without = call("backup", site, "-o", tmp_path / "c.tar.gz")
+    assert (
+        "berlin/leaf.conf: the configuration of the leaf node, with the site's key for the hub: it is not beside"
+        in without.stdout
+    )
 
 
 def restored(archive: Path, site: Path, *options: str) -> str:

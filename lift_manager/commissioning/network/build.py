@@ -9,9 +9,21 @@ from ipaddress import ip_address
 from drivers.modbus.read_plan import plan_reads, polled_points
 from drivers.modbus.writes import read_back_blocks
 from lift_manager.commissioning.network.errors import UnknownHost
-from lift_manager.commissioning.network.model import MapUse, Network, Span, Station, Unit, Write, joined
+from lift_manager.commissioning.network.model import (
+    LeafNode,
+    MapUse,
+    Network,
+    Peer,
+    Span,
+    Station,
+    Unit,
+    Write,
+    is_loopback,
+    joined,
+)
 from lift_manager.commissioning.wording import one_line
 from lift_manager.config.devices import Device, devices
+from lift_manager.config.hub import LeafUnreadable, Server, hub_servers, leaf_files
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Lift
 from register_maps.codec import Block, Codec
@@ -50,7 +62,33 @@ def network(loaded: LoadedSite, lookup: Lookup | None = None) -> Network:
         api_tls=site.api.tls is not None,
         maps=uses,
         stations=stations,
+        leaf_node=_leaf_node(loaded, lookup),
     )
+
+
+def _leaf_node(loaded: LoadedSite, lookup: Lookup | None) -> LeafNode | None:
+    """Return the leaf node; where rules are made, its hub must be known."""
+    if loaded.site.hub is None:
+        return None
+    server = Server.of(loaded.site.hub.server)
+    leaf_conf, _ = leaf_files(loaded.site, loaded.path.parent)
+    if not is_loopback(server.host):
+        return LeafNode(_peer(server, lookup), on_loopback=False, hub=())
+    peer = Peer(server.host, (), server.port, server.uses_tls)
+    try:
+        hub = tuple(_peer(server, lookup) for server in hub_servers(leaf_conf))
+    except LeafUnreadable as error:
+        if lookup is not None:
+            raise UnknownHost(
+                f"{error}, and it names the address of the hub: run this as a user who can read it"
+            ) from error
+        return LeafNode(peer, on_loopback=True, hub=(), unknown=str(error))
+    return LeafNode(peer, on_loopback=True, hub=hub)
+
+
+def _peer(server: Server, lookup: Lookup | None) -> Peer:
+    found = () if lookup is None else addresses("hub", server.host, lookup)
+    return Peer(one_line(server.host), found, server.port, server.uses_tls)
 
 
 def look_up(host: str) -> tuple[str, ...]:
@@ -62,16 +100,16 @@ def look_up(host: str) -> tuple[str, ...]:
     return tuple(sorted({str(address[0]) for *_, address in found}))
 
 
-def addresses(name: str, host: str, lookup: Lookup) -> tuple[str, ...]:
-    """Return what the host of a controller stands for. Raises UnknownHost for a name that cannot be resolved."""
+def addresses(owner: str, host: str, lookup: Lookup) -> tuple[str, ...]:
+    """Return what the host of a controller or a server stands for. Raises UnknownHost for a name that cannot be resolved."""
     try:
         return (str(ip_address(host.strip("[]"))),)
     except ValueError:
         found = lookup(host)
     if not found:
         raise UnknownHost(
-            f"controller {name}: this computer cannot resolve {host}, and firewalls go by addresses; run this "
-            "on the manager's computer, or write the address in the site file"
+            f"{owner}: this computer cannot resolve {host}, and firewalls go by addresses; run this "
+            "on the manager's computer, or write the address in place of the name"
         )
     return found
 
@@ -85,7 +123,7 @@ def _station(
     return Station(
         name=one_line(name),
         host=one_line(controller.host.strip("[]")),
-        addresses=() if lookup is None else addresses(one_line(name), controller.host, lookup),
+        addresses=() if lookup is None else addresses(f"controller {one_line(name)}", controller.host, lookup),
         port=controller.port,
         tls=controller.tls is not None,
         units=tuple(_unit(loaded, Device(name, unit), reads, writes) for unit in units),

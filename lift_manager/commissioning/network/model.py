@@ -92,6 +92,36 @@ class Station:
 
 
 @dataclass(frozen=True, slots=True)
+class Peer:
+    """A NATS server."""
+
+    host: str
+    """As it is configured: an address or a name."""
+    addresses: tuple[str, ...]
+    """What the host stands for; empty where nobody looked."""
+    port: int
+    tls: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LeafNode:
+    """The leaf node of a site that belongs to a hub."""
+
+    peer: Peer
+    """Where the manager reaches it."""
+    on_loopback: bool
+    hub: tuple[Peer, ...]
+    """Where it reaches the hub; empty if it is on another computer, or if that is unknown."""
+    unknown: str = ""
+    """Why it is unknown, as a sentence without a full stop."""
+
+    @property
+    def outside(self) -> tuple[Peer, ...]:
+        """What the manager's computer connects to."""
+        return self.hub if self.on_loopback else (self.peer,)
+
+
+@dataclass(frozen=True, slots=True)
 class MapUse:
     """The map of one lift, with the hash of what was loaded."""
 
@@ -111,11 +141,22 @@ class Network:
     api_tls: bool
     maps: tuple[MapUse, ...]
     stations: tuple[Station, ...]
+    leaf_node: LeafNode | None = None
+
+    @property
+    def outside(self) -> tuple[Peer, ...]:
+        """What the manager's computer connects to, besides controllers."""
+        return () if self.leaf_node is None else self.leaf_node.outside
 
     @property
     def on_loopback(self) -> bool:
         """Whether only programs on the manager's own computer reach it."""
-        return self.api_host == "localhost" or self.api_host.startswith("127.") or self.api_host == "::1"
+        return is_loopback(self.api_host)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host is the computer itself."""
+    return host == "localhost" or host.startswith("127.") or host == "::1"
 
 
 def joined(spans: Iterable[Span]) -> Iterator[Span]:

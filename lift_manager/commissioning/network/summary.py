@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from lift_manager.commissioning.maps_list import WIDTH
 from lift_manager.commissioning.network import lines
-from lift_manager.commissioning.network.model import Network, Station, Unit
+from lift_manager.commissioning.network.model import LeafNode, Network, Peer, Station, Unit
 from register_maps.words import READ_FUNCTION
 
 _PLAIN = "Modbus/TCP: no encryption, and no way to tell who sends"
@@ -26,6 +26,7 @@ def summary(found: Network) -> Iterator[str]:
     yield from _wrapped(
         2, f"{_host(found.api_host)}:{found.api_port}, {'HTTPS' if found.api_tls else 'HTTP'}: {_clients_text(found)}"
     )
+    yield from _leaf_node(found.leaf_node)
     yield ""
     yield from textwrap.wrap(
         "Addresses are as on the wire, from 0, and behind them as the map prints them. Nobody else needs a connection to a "
@@ -50,6 +51,27 @@ def _unit(unit: Unit) -> Iterator[str]:
         yield from _wrapped(6, f"writes  FC{write.function:02}  {write.span}: {write.label}, lift {write.lift}")
     if not unit.writes:
         yield "      writes  nothing"
+
+
+def _leaf_node(found: LeafNode | None) -> Iterator[str]:
+    if found is None:
+        return
+    yield ""
+    yield "Manager to its leaf node (TCP)"
+    where = "on the manager's own computer only" if found.on_loopback else "on another computer"
+    yield from _wrapped(2, f"{_peer_text(found.peer)}, {where}")
+    if not found.on_loopback:
+        return
+    yield ""
+    yield "Leaf node to the hub of many sites (TCP)"
+    if found.unknown:
+        yield from _wrapped(2, f"unknown here: {found.unknown}")
+    for peer in found.hub:
+        yield from _wrapped(2, f"{_peer_text(peer)}; the leaf node begins it, and the hub begins none")
+
+
+def _peer_text(peer: Peer) -> str:
+    return f"{_host(peer.host)}:{peer.port}, NATS {'with' if peer.tls else 'without'} TLS"
 
 
 def _clients_text(found: Network) -> str:

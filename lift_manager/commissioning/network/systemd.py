@@ -29,6 +29,10 @@ def drop_in(found: Network, clients: Sequence[str]) -> Iterator[str]:
         yield from lines.comment(lines.address_text(station))
         for address in station.addresses:
             yield f"IPAddressAllow={address}"
+    if found.leaf_node is not None and not found.leaf_node.on_loopback:
+        yield from lines.comment("the leaf node of this site, for the hub of many sites")
+        for address in found.leaf_node.peer.addresses:
+            yield f"IPAddressAllow={address}"
     if clients and not found.on_loopback:
         yield from lines.comment("clients of the API")
         for network in clients:

@@ -14,6 +14,7 @@ from lift_manager.commissioning.network.errors import UnknownHost
 from lift_manager.commissioning.network.gaps import address_gaps, unit_gaps
 from lift_manager.commissioning.network.model import Network, Span, joined
 from lift_manager.config.load import load_site
+from lift_manager.hub.folder import HubFolder
 from register_maps.codec import compile_map
 from register_maps.load import load, shipped
 from register_maps.words import Table
@@ -227,6 +228,60 @@ def test_what_makes_no_sense_is_refused(options: tuple[str, ...], words: str, tm
     code, out, err = called(written(tmp_path), *options)
     assert (code, out) == (2, "")
     assert words in err
+
+
+# -- the hub of many sites
+
+
+def of_hub(folder: Path, nats: str = "", own: str = "") -> Path:
+    """Write a site of a hub, with the files of its leaf node as the hub writes them."""
+    (folder / "hub").mkdir(mode=0o700)
+    (folder / "hub" / "hub.yaml").write_text(f"nats: {{address: [192.0.2.90, 192.0.2.91]{nats}}}")
+    HubFolder(folder / "hub").add_site("berlin")
+    hub = f"hub: {{site: berlin, password: hub/sites/berlin/manager.password{own}}}"
+    return written(folder, text=f"{SITE}{hub}\n")
+
+
+def test_the_table_has_the_leaf_node_and_where_it_connects_to(tmp_path: Path) -> None:
+    made = printed(of_hub(tmp_path, ", servers: ['tls://192.0.2.90:4222']"))
+    assert "127.0.0.1:4223, NATS without TLS, on the manager's own computer only" in made
+    assert "192.0.2.90:7422, NATS with TLS; the leaf node begins it, and the hub begins none" in made
+    assert "192.0.2.91:7422, NATS with TLS" in made
+
+
+def test_rules_let_the_leaf_node_reach_the_hub_and_nothing_reaches_the_leaf_node(tmp_path: Path) -> None:
+    site = of_hub(tmp_path)
+    own = printed(site, "--nftables")
+    assert "elements = { 192.0.2.90 . 7422, 192.0.2.91 . 7422 }" in own
+    accepted, dropped = (
+        own.index('ip daddr . tcp dport @hub4 meta skuid "lift-manager" accept'),
+        own.index('meta skuid "lift-manager" ct direction original'),
+    )
+    assert accepted < dropped
+    gateway = printed(site, "--nftables-gateway", "--manager", MANAGER)
+    assert "ip saddr @managers4 ip daddr . tcp dport @hub4 accept" in gateway
+    assert "ip daddr @managers4 ip saddr . tcp sport @hub4 ct direction reply accept" in gateway
+    assert "192.0.2.90" not in printed(site, "--systemd"), "the manager itself reaches its leaf node alone"
+
+
+def test_a_leaf_node_on_another_computer_is_what_the_manager_reaches(tmp_path: Path) -> None:
+    site = of_hub(tmp_path, own=", server: 'nats://192.0.2.80:4223'")
+    assert "192.0.2.80:4223, NATS without TLS, on another computer" in printed(site)
+    assert "elements = { 192.0.2.80 . 4223 }" in printed(site, "--nftables")
+    assert "IPAddressAllow=192.0.2.80" in printed(site, "--systemd")
+
+
+def test_rules_are_not_made_without_the_address_of_the_hub_and_the_table_says_that_it_is_unknown(
+    tmp_path: Path,
+) -> None:
+    site = of_hub(tmp_path)
+    leaf_conf = tmp_path / "hub" / "sites" / "berlin" / "leaf.conf"
+    leaf_conf.write_text("leafnodes { remotes = [] }\n")
+    assert "leaf.confisnotas`lift-managerhubsiteadd`writesit" in "".join(printed(site).split())
+    leaf_conf.unlink()
+    code, out, err = called(site, "--nftables")
+    assert (code, out) == (1, "")
+    assert "leaf.conf cannot be read (No such file or directory), and it names the address of the hub" in err
 
 
 # -- systemd

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.lift_manager.hub.rig import Journal, Rig
+from tests.lift_manager.hub.rig import Rig
+from tests.support.journal import Journal
 
 
 @pytest.fixture

@@ -22,17 +22,12 @@ from lift_manager.hub.rows import StoredEvent
 from lift_manager.hub.service import Hub
 from lift_manager.hub.site_face import HubSettings, SiteFace
 from lift_manager.hub.web import make_hub_app
-from lift_manager.lift.journal import Row, RowKind
-from lift_manager.store.retention import Limits
-from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import PendingRow
 from tests.lift_manager.web.fake import FakeSite
+from tests.support.journal import Journal
 from tests.support.programs import HANGS_S, free_port
 from tests.support.virtual_time import cancel_all
 
 NATS_SERVER = str(Path(sys.executable).with_name("nats-server"))
-T0 = 1_795_200_000_000_000
-DAY = 86_400_000_000
 
 Found = TypeVar("Found")
 
@@ -43,32 +38,6 @@ async def until(look: Callable[[], Awaitable[Found]]) -> Found:
         while not (found := await look()):  # noqa: ASYNC110  it looks at other processes
             await asyncio.sleep(0.02)
     return found
-
-
-class Journal:
-    """Writes the journal of a site as its manager does; a row a second."""
-
-    def __init__(self, path: Path, since_s: int = 0) -> None:
-        self.path = path
-        self._store = SqliteStore(path, "Main hospital", Limits(keep_days=1, max_mb=500))
-        self._store.load()
-        self._at = T0 + since_s * 1_000_000
-
-    def write(self, *texts: str) -> None:
-        rows = []
-        for text in texts:
-            rows.append(PendingRow(self._at, Row(RowKind.PRESS, text, "lift", "workshop:r1")))
-            self._at += 1_000_000
-        self._store.commit({}, rows)
-
-    def cut_through(self, seq: int) -> None:
-        """Go on a day after this row, when those up to it are too old."""
-        check = True
-        while self._store.do_upkeep(T0 + DAY + seq * 1_000_000, check=check).more:
-            check = False
-
-    def end(self) -> None:
-        self._store.close()
 
 
 class Rig:
@@ -120,9 +89,35 @@ class Rig:
         """Lose what the leaf node of a site keeps; it does not run."""
         shutil.rmtree(self.files(site) / "jetstream")
 
+    def use_separate_server(self) -> None:
+        """Name a NATS server that runs by itself, for the sites that are added from now on."""
+        self.settings["servers"] = [f"nats://127.0.0.1:{self.settings['client_port']}"]
+
+    @contextmanager
+    def nats_server(self) -> Iterator[None]:
+        """Run that server, as an operator would."""
+        file = self.place.path / "server.conf"
+        ports = [f'"127.0.0.1:{self.settings[name]}"' for name in ("client_port", "leaf_port")]
+        file.write_text("listen: {}\nleafnodes: {{listen: {}}}\ninclude accounts.conf\n".format(*ports))
+        with (self.place.path / "server.log").open("ab") as log:
+            process = subprocess.Popen([NATS_SERVER, "-c", str(file)], stdout=log, stderr=log)
+            try:
+                yield
+            finally:
+                process.terminate()
+                process.wait(HANGS_S)
+
+    def second_place(self) -> HubFolder:
+        """Return the folder of a second hub with the same sites, on another computer."""
+        path = self.place.path.with_name("second")
+        path.mkdir(mode=0o700)
+        for file in ("hub.yaml", "sites.json"):
+            shutil.copy2(self.place.path / file, path / file)
+        return HubFolder(path)
+
     @asynccontextmanager
-    async def hub(self, keys: KeyRing | None = None) -> AsyncIterator["RunningHub"]:
-        hub, ready = Hub(self.place), asyncio.Event()
+    async def hub(self, keys: KeyRing | None = None, place: HubFolder | None = None) -> AsyncIterator["RunningHub"]:
+        hub, ready = Hub(place or self.place), asyncio.Event()
         task = asyncio.create_task(hub.run(ready.set))
         try:
             await asyncio.wait({task, asyncio.create_task(ready.wait())}, return_when=asyncio.FIRST_COMPLETED)

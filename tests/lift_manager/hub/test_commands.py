@@ -16,8 +16,10 @@ from lift_manager.hub.signing import sign, signed_text
 from lift_manager.lift.commands import CommandType
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.session import Holder
+from lift_manager.rides.ride import Phase
 from lift_manager.runtime.errors import RequestRefused
 from tests.lift_manager.web.fake import FakeSite
+from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_session
 
 SECRET = "5" * 64
@@ -32,6 +34,9 @@ RING = KeyRing(
 OPEN = {"what": "open", "body": {"robot": "r1", "ttl_s": 60.0, "idempotency_key": "a"}}
 OWN = a_session(Holder("hub", "amr/r1"))
 GO = {"what": "command", "session": OWN.id, "body": {"do": "go_to", "floor": "L2", "idempotency_key": "b"}}
+
+RIDE = {"what": "ride", "body": {"lift": "any", "from": "L1", "to": "L2", "robot": "r1", "idempotency_key": "d"}}
+CANCEL = {"what": "cancel_ride", "ride": "r7", "body": {"reason": "no order"}}
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -159,6 +164,61 @@ def test_the_rules_of_the_lift_refuse_as_for_every_caller() -> None:
     caller = Caller(FakeSite(refuses=Refused(Refusal.FIRE_LATCHED, "there was a fire")))
     with pytest.raises(RequestRefused, match="there was a fire"):
         caller.send(OPEN)
+
+
+def ride_of(lift: str, **body: object) -> dict[str, Any]:
+    return {"what": "ride", "body": {"lift": lift, "from": "L1", "to": "L2", "idempotency_key": "d", **body}}
+
+
+def test_a_ride_is_begun_from_afar_in_the_name_under_which_its_robot_reports_at_the_site() -> None:
+    caller = Caller()
+    ride = caller.send(RIDE, lift="").ride
+    (request,) = caller.site.fake_rides.requests
+    assert (ride.caller, ride.robot, request.lifts, request.any_lift) == ("ride:amr/r1", "r1", ("lift",), True)
+    assert caller.site.fake_rides.remote == [True]
+    assert not {"guidance", "reason", "advice"} & set(ride.model_dump())
+    assert caller.send(RIDE, lift="").ride.id == ride.id
+    assert caller.send(RIDE, lift="", key=OPERATOR).ride.lift == "lift"
+    assert caller.site.fake_rides.requests[-1].lifts == ("lift", "goods")
+
+
+def test_a_plan_of_a_ride_begins_nothing_and_needs_no_idempotency_key() -> None:
+    caller = Caller()
+    planned = {"what": "ride", "body": {"lift": "lift", "from": "L1", "to": "L2", "dry_run": True}}
+    assert caller.send(planned, lift="").plan.lift == "lift"
+    assert caller.site.changes == []
+
+
+def test_a_ride_needs_an_idempotency_key_a_lift_of_the_key_and_no_other_lift_beside_its_own() -> None:
+    caller = Caller()
+    assert caller.refused(ride_of("lift", idempotency_key=None), lift="") == "malformed"
+    assert caller.refused(ride_of("goods"), lift="") == "not_allowed"
+    assert caller.refused(RIDE, lift="", key=VIEWER) == "not_allowed"
+    assert caller.refused(RIDE, lift="lift") == "malformed"
+    assert caller.refused(OPEN, lift="") == "not_allowed"
+    with pytest.raises(RequestRefused, match="no lift"):
+        caller.send(ride_of("none"), lift="", key=OPERATOR)
+
+
+def test_a_ride_is_cancelled_by_its_own_key_or_an_operators_and_never_as_a_report_of_its_robot() -> None:
+    caller = Caller()
+    caller.site.fake_rides.going_on(a_ride(Holder("ride", "amr/r1"), "r7"), a_ride(Holder("ride", "other"), "r8"))
+    assert caller.refused({**CANCEL, "ride": "r8"}, lift="") == "not_your_ride"
+    assert caller.refused(CANCEL, lift="", key=VIEWER) == "not_allowed"
+    assert caller.send(CANCEL, lift="").ride.phase is Phase.CLEARING
+    caller.send({**CANCEL, "ride": "r8"}, lift="", key=OPERATOR)
+    assert caller.site.fake_rides.reports == [
+        ("r7", "no order (through the hub, by amr)", None),
+        ("r8", "no order (through the hub, by desk)", None),
+    ]
+    with pytest.raises(RequestRefused) as found:
+        caller.send({**CANCEL, "ride": "none"}, lift="")
+    assert found.value.code is Refusal.UNKNOWN_RIDE
+
+
+@pytest.mark.parametrize("what", ["entered", "left", "here"])
+def test_what_a_robot_reports_of_its_ride_is_not_taken_from_afar(what: str) -> None:
+    assert Caller().refused({"what": what, "ride": "r7"}, lift="", key=OPERATOR) == "malformed"
 
 
 def test_refusals_are_written_down_with_the_name_of_the_key() -> None:

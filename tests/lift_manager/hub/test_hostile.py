@@ -12,10 +12,12 @@ from lift_manager.hub.messages import News, Position
 from lift_manager.hub.remote_site import MOST_NEWS, SiteState
 from lift_manager.hub.site_face import MOST_REQUESTS
 from lift_manager.lift.state import LiftState
-from tests.lift_manager.hub.rig import Journal, Rig, until
+from tests.lift_manager.hub.rig import Rig, until
 from tests.lift_manager.web.fake import FakeSite
+from tests.support.journal import Journal
 from tests.support.programs import HANGS_S
 
+COMMAND = {"ticket": "t", "key_id": "0" * 8, "signature": "A" * 43, "action": "{}"}
 FORGED = News(name="forged", version="1", lifts=0, live=0, commands=False, newest=Position(stream="x", at=10**6))
 
 
@@ -82,6 +84,7 @@ def test_rows_and_replies_that_mean_nothing_are_counted_and_change_nothing(rig: 
                         await evil.publish(message.reply, row, headers={"Nats-Sequence": number})
                     await evil.publish(message.reply, b"", headers={"Status": "204"})
 
+                await evil.subscribe("site.evil.request.command", cb=rubbish)
                 await evil.subscribe("site.evil.request.lifts", cb=rubbish)
                 await evil.subscribe("site.evil.request.ticket", cb=another)
                 await evil.subscribe("$JS.API.DIRECT.GET.JOURNAL", cb=rows)
@@ -90,7 +93,10 @@ def test_rows_and_replies_that_mean_nothing_are_counted_and_change_nothing(rig: 
                     return str((await hub.get("/sites/evil/lifts")).json()["detail"]).endswith("cannot be read")
 
                 await until(connected)
-                assert (await hub.get("/sites/evil/lifts")).json()["code"] == "site_silent"
+                unreadable = await hub.get("/sites/evil/lifts")
+                assert (unreadable.status_code, unreadable.json()["code"]) == (502, "bad_reply")
+                sent = await hub.post("/sites/evil/lifts/goods/commands", COMMAND)
+                assert (sent.status_code, sent.json()["code"]) == (504, "unconfirmed"), sent.text
                 refused = await hub.post("/sites/evil/tickets")
                 assert (refused.status_code, refused.json()["code"]) == (502, "bad_reply")
                 before = hub.hub.sites["evil"].unreadable

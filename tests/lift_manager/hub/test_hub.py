@@ -15,11 +15,12 @@ from lift_manager.hub.remote_site import SiteState
 from lift_manager.hub.service import Hub
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import Quality
-from tests.lift_manager.hub.rig import NATS_SERVER, Journal, Rig, until
+from tests.lift_manager.hub.rig import NATS_SERVER, Rig, until
 from tests.lift_manager.web.fake import FakeSite
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.support.certificates import Authority
+from tests.support.journal import Journal
 from tests.support.programs import HANGS_S
 
 

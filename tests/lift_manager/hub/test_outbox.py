@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.hub.outbox import BACKLOG, BATCH, JournalReader, Published
-from tests.lift_manager.hub.rig import Journal
+from tests.support.journal import Journal
 
 
 @pytest.fixture

@@ -77,6 +77,29 @@ def command_lift(lines: list[str], url: str, cwd: Path) -> None:
     assert (acknowledged.returncode, "(malformed)" in acknowledged.stderr) == (1, True)
 
 
+def send_robot(lines: list[str], url: str, cwd: Path) -> None:
+    begin, cancel = lines
+    ride = json.loads(done(begin, "--hub", url, cwd=cwd))["ride"]
+    assert (ride["caller"], ride["phase"], ride["robot"]) == ("ride:night/amr-7", "queued", "amr-7")
+    assert json.loads(done(begin, "--hub", url, cwd=cwd))["ride"]["id"] == ride["id"]
+
+    def phase() -> str:
+        shown = httpx.get(f"{url}/api/v1/sites/berlin/rides/{ride['id']}", trust_env=False).json()["ride"]
+        assert not {"guidance", "reason"} & set(shown)
+        return str(shown["phase"])
+
+    assert phase() == "queued"
+    manager = f"http://127.0.0.1:{yaml.safe_load((cwd / 'site.yaml').read_text())['api']['port']}"
+    key = {"Authorization": f"Bearer {(cwd / 'site.key').read_text().strip()}"}
+    report = httpx.post(f"{manager}/api/v1/rides/{ride['id']}/here", headers=key, trust_env=False)
+    assert report.status_code == 200, report.text
+    eventually(lambda: phase() in ("called", "boarding"))
+    done(cancel.replace("RIDE", ride["id"]), "--hub", url, cwd=cwd)
+    eventually(lambda: phase() in ("cancelled", "clearing"))
+    no_lift = run("hub", "send", "berlin", '{"what": "close", "session": "x"}', "--key-file", "site.key", cwd=cwd)
+    assert (no_lift.returncode, "name the lift before the action" in no_lift.stderr) == (1, True)
+
+
 def use_keys(lines: list[str], url: str, cwd: Path) -> None:
     make, list_keys, revoke = lines
 
@@ -97,7 +120,7 @@ def test_the_how_to_starts_a_hub_and_a_site_and_commands_its_lift(tmp_path: Path
     lines = commands(PAGE)
     add, serve_hub, leaf, serve = lines[:4]
     every, offline, lifts, metrics = lines[4:8]
-    off, on, list_sites = lines[14:]
+    off, on, list_sites = lines[16:]
     hub_port, plc_port = prepare(tmp_path)
     url = f"http://127.0.0.1:{hub_port}"
     with Started() as start:
@@ -126,6 +149,7 @@ def test_the_how_to_starts_a_hub_and_a_site_and_commands_its_lift(tmp_path: Path
         assert 'lift_manager_hub_site_state{site="berlin",state="online"} 1' in fetched(metrics, hub_port).text
 
         command_lift(lines[11:14], url, tmp_path)
+        send_robot(lines[14:16], url, tmp_path)
         use_keys(lines[8:11], url, tmp_path)
 
         done(off, cwd=tmp_path)

@@ -1,6 +1,7 @@
 """The API of a hub: who may send what, and what a caller learns when a site does not reply."""
 
 import asyncio
+import json
 import re
 from pathlib import Path
 
@@ -21,18 +22,22 @@ from lift_manager.hub.web import make_hub_app
 from lift_manager.lift.state import Quality
 from lift_manager.web.error_codes import HUB_CODES
 from lift_manager.web.events.readers import OpenStreams
-from tests.lift_manager.hub.rig import Journal, Rig, until
+from tests.lift_manager.hub.rig import Rig, until
 from tests.lift_manager.web.fake import FakeSite
 from tests.lift_manager.web.fake_lifts import IDLE
+from tests.support.journal import Journal
 
 SECRET = "7" * 64
 KEYS = {role: Key(f"{number:08x}", f"the {role}", role) for number, role in enumerate(Role)}
 KEYS[Role.ROBOT] = Key("00000001", "the robot", Role.ROBOT, ("berlin/goods",))
 RING = KeyRing((key, digest_of(SECRET)) for key in KEYS.values())
+SIGNED = {"ticket": "t", "key_id": "0" * 8, "signature": "A" * 43}
 BODIES = {
     "off": {"by": "M. Weber", "reason": "none"},
     "on": {"by": "M. Weber"},
-    "commands": {"ticket": "t", "key_id": "0" * 8, "signature": "A" * 43, "action": "{}"},
+    "commands": {**SIGNED, "action": "{}"},
+    "rides": {**SIGNED, "action": json.dumps({"what": "ride", "body": {"lift": "goods", "from": "L1", "to": "L2"}})},
+    "cancel": {**SIGNED, "action": json.dumps({"what": "cancel_ride", "ride": "r1"})},
 }
 
 
@@ -47,12 +52,12 @@ def statuses(rig: Rig, lift: str) -> dict[tuple[str, str, Role | None], int]:
             for route in ROUTES:
                 if route.path == "/api/v1/events" or ":path" in route.path:
                     continue  # a stream has no end; the files of /docs are those of every manager
-                path = route.path.replace("{site}", "berlin").replace("{lift}", lift)
+                path = route.path.replace("{site}", "berlin").replace("{lift}", lift).replace("{ride}", "r1")
                 for role in (None, *Role):
                     headers = {}
                     if role is not None:
                         headers["Authorization"] = f"Bearer {token(KEYS[role].id, SECRET).reveal()}"
-                    body = BODIES.get(path.rpartition("/")[2])
+                    body = BODIES.get(path.rpartition("/")[2]) if route.methods == ("POST",) else None
                     reply = await client.request(route.methods[0], path, headers=headers, json=body)
                     found[route.methods[0], route.path, role] = reply.status_code
         return found
@@ -75,6 +80,26 @@ def test_every_role_may_send_what_the_table_says_and_no_more(rig: Rig, lift: str
             named = (f"berlin/{lift}",) if route.lift_in is LiftIn.PATH else KEYS[role].lifts
             allowed = not refusal(role, KEYS[role].lifts, route.need, named if route.lift_in else ())
             assert (status != 403) is allowed, (route, role, status)
+
+
+def test_the_key_of_a_robot_reaches_only_the_lifts_that_it_names(rig: Rig) -> None:
+    rig.add("rome")
+    ride = {"from": "L1", "to": "L2"}
+    requests: dict[str, list[object]] = {
+        "berlin/rides": [{"what": "ride", "body": {**ride, "lift": lift}} for lift in ("other", "any")],
+        "rome/rides/r1/cancel": [{"what": "cancel_ride", "ride": "r1"}],
+        "rome/tickets": [None],
+    }
+
+    async def main() -> None:
+        async with rig.hub(RING) as hub:
+            key = {"Authorization": f"Bearer {token(KEYS[Role.ROBOT].id, SECRET).reveal()}"}
+            for path, actions in requests.items():
+                for action in actions:
+                    refused = await hub.post(f"/sites/{path}", {**SIGNED, "action": json.dumps(action)}, **key)
+                    assert (refused.status_code, refused.json()["code"]) == (403, "not_allowed"), refused.text
+
+    asyncio.run(main())
 
 
 def test_a_hub_without_keys_lets_only_its_own_computer_switch_sites_off(rig: Rig) -> None:

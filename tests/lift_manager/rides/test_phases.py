@@ -220,7 +220,7 @@ def test_nothing_is_asked_after_a_restart_before_the_robot_is_heard(phase: Phase
 
 def test_a_queued_ride_takes_no_lift_after_a_restart_before_its_robot_is_heard() -> None:
     unheard = ride(silent_since=0.0)
-    waits = "waits for a report of the robot after a restart of the manager: it has to send `here`"
+    waits = "waits for a report of the robot: it has to send `here`"
     after = tick(unheard, sight(replace(STATE, holder=Holder("rmf", "tiny")), ahead=2, now=5.0))
     assert (after.actions, after.record.reason) == ((), f"{waits} within 25 s to keep its place")
     assert at_moment(after.record, sight(now=7.0).seen, at(7.0)).reason == f"{waits} within 23 s to keep its place"

@@ -87,6 +87,22 @@ def test_a_ride_begins_in_the_queue_of_its_lift_and_everybody_is_told() -> None:
     assert unnamed.record.present_at < 0, "nobody knows what a robot without a name knows"
 
 
+def test_a_ride_that_was_begun_from_afar_waits_for_a_report_of_its_robot() -> None:
+    done = begin(REQUEST, "A", "r1", at(5.0), is_remote=True)
+    assert (done.record.silent_since, done.record.present_at < 0) == (5.0, True)
+    (begun,) = done.events
+    assert isinstance(begun, RideChanged)
+    row = row_of(begun)
+    assert row is not None
+    assert row.text == "ride r1 of amr-7 from L1 to L3 is queued: begun through the hub"
+    waiting = tick(done.record, sight(now=6.0))
+    assert (waiting.actions, waiting.record.reason) == (
+        (),
+        "waits for a report of the robot: it has to send `here` within 29 s to keep its place",
+    )
+    assert tick(report(waiting.record, RideWord.HERE, sight(now=7.0)).record, sight(now=7.0)).actions == (OPEN,)
+
+
 def test_a_step_that_changes_nothing_tells_nobody_and_saves_nothing() -> None:
     first = tick(ride(), sight(ahead=1))
     again = tick(first.record, sight(ahead=1, now=2.0))

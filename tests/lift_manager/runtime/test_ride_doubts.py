@@ -75,6 +75,26 @@ def test_a_ride_begun_at_the_moment_the_lift_was_taken_away_is_the_word_of_the_r
     in_building(check, "A")
 
 
+def test_a_ride_begun_from_afar_says_nothing_about_the_robot_that_may_be_inside() -> None:
+    async def check(made: Building) -> None:
+        inside = await left_inside(made)
+        pressed = list(made.drivers["A"].log)
+        request = made.request("A", start="L3", destination="L1", key="k1")
+        ride = made.site.rides.begin(request, is_remote=True).ride
+        assert made.site.rides.begin(request, is_remote=True).ride.id == ride.id
+        await elapse(20)
+        assert (made.look(ride).phase, made.look(inside).maybe_aboard) == (Phase.QUEUED, True)
+        made.site.rides.cancel(inside.id, None, "not needed")
+        assert made.site.rides.begin(request).ride.id == ride.id, "the robot may send the request of its ride itself"
+        await elapse(2)
+        assert made.look(ride).reason.startswith(f"your robot may be in the car of A: send `left` for ride {inside.id}")
+        assert made.drivers["A"].log == pressed
+        made.report(ride, RideWord.HERE)
+        assert made.look(ride).phase is Phase.CALLED
+
+    in_building(check, "A")
+
+
 def test_the_ride_of_a_robot_inside_passes_the_line() -> None:
     async def check(made: Building) -> None:
         await left_inside(made)

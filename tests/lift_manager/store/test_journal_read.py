@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.lift.journal import Row, RowKind
+from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.read import (
@@ -21,43 +21,12 @@ from lift_manager.store.read import (
     open_journal,
     time_of,
 )
-from lift_manager.store.retention import Limits
-from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import PendingRow
-
-SITE = "Main hospital"
-T0 = 1_795_200_000_000_000
-DAY = 86_400_000_000
-
-
-class Manager:
-    """Writes a journal as the manager does; a row a second."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._store = SqliteStore(path, SITE, Limits(keep_days=1, max_mb=500))
-        self._at = T0
-
-    def write(self, *texts: str, lift: str = "east", kind: str = "press", caller: str = "workshop:r1") -> None:
-        rows = []
-        for text in texts:
-            rows.append(PendingRow(self._at, Row(RowKind(kind), text, lift, caller)))
-            self._at += 1_000_000
-        self._store.commit({}, rows)
-
-    def cut_through(self, seq: int) -> None:
-        """Go on a day after this row, when those up to it are too old."""
-        check = True
-        while self._store.do_upkeep(T0 + DAY + seq * 1_000_000, check=check).more:
-            check = False
-
-    def end(self) -> None:
-        self._store.close()
+from tests.support.journal import SITE, T0, Journal
 
 
 @pytest.fixture
-def manager(tmp_path: Path) -> Iterator[Manager]:
-    manager = Manager(tmp_path / "x.db")
+def manager(tmp_path: Path) -> Iterator[Journal]:
+    manager = Journal(tmp_path / "x.db")
     yield manager
     manager.end()
 
@@ -73,7 +42,7 @@ def all_texts(path: Path, wanted: RowFilter = ALL_ROWS) -> list[str]:
         return found
 
 
-def test_rows_are_chosen_by_lift_kind_caller_time_and_text(manager: Manager) -> None:
+def test_rows_are_chosen_by_lift_kind_caller_time_and_text(manager: Journal) -> None:
     manager.write("a", "b", lift="east")
     manager.write("c", lift="west", kind="alarm", caller="")
     manager.write("Door BLOCKED", caller="rmf:fleet/robot")
@@ -93,7 +62,7 @@ def test_rows_are_chosen_by_lift_kind_caller_time_and_text(manager: Manager) -> 
     assert all_texts(path, RowFilter(lift="east", since=T0 + 1_000_000, until=T0 + 4_000_000)) == ["b", "Door BLOCKED"]
 
 
-def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_batches(manager: Manager) -> None:
+def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_batches(manager: Journal) -> None:
     count = 2 * BATCH + 5
     manager.write(*(f"{n}" for n in range(1, count + 1)))
     with open_journal(manager.path) as reader:
@@ -106,7 +75,7 @@ def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_ba
         assert (reader.first(), reader.last(), reader.row(count + 1)) == (1, count, None)
 
 
-def test_a_journal_without_rows_has_none(manager: Manager) -> None:
+def test_a_journal_without_rows_has_none(manager: Journal) -> None:
     manager.write()
     with open_journal(manager.path) as reader:
         assert (list(reader.rows()), list(reader.newest(ALL_ROWS, 5)), reader.first(), reader.last()) == (
@@ -119,7 +88,7 @@ def test_a_journal_without_rows_has_none(manager: Manager) -> None:
         assert reader.site == SITE
 
 
-def test_the_newest_row_of_a_kind_is_found_in_any_batch(manager: Manager) -> None:
+def test_the_newest_row_of_a_kind_is_found_in_any_batch(manager: Journal) -> None:
     manager.write("old", "x", kind="anchor")
     manager.write(*(f"{n}" for n in range(BATCH + 3)))
     with open_journal(manager.path) as reader:
@@ -127,7 +96,7 @@ def test_the_newest_row_of_a_kind_is_found_in_any_batch(manager: Manager) -> Non
 
 
 def test_a_reader_in_the_middle_of_its_rows_does_not_keep_the_writer_from_carrying_its_log_over(
-    manager: Manager,
+    manager: Journal,
 ) -> None:
     manager.write(*(f"{n}" for n in range(BATCH + 10)))
     with open_journal(manager.path) as reader:
@@ -141,13 +110,13 @@ def test_a_reader_in_the_middle_of_its_rows_does_not_keep_the_writer_from_carryi
         assert len(list(rows)) == BATCH + 9
 
 
-def test_nothing_is_written_by_a_reader(manager: Manager) -> None:
+def test_nothing_is_written_by_a_reader(manager: Journal) -> None:
     manager.write("a")
     with open_journal(manager.path) as reader, pytest.raises(sqlite3.OperationalError, match="readonly"):
         reader._connection.execute("DELETE FROM rows")  # noqa: SLF001  there is no way to write through what it offers
 
 
-def test_a_copy_that_is_one_file_gets_no_files_beside_it(manager: Manager, tmp_path: Path) -> None:
+def test_a_copy_that_is_one_file_gets_no_files_beside_it(manager: Journal, tmp_path: Path) -> None:
     manager.write("a")
     manager.end()
     copy = tmp_path / "elsewhere" / "copy #1?.db"
@@ -159,7 +128,7 @@ def test_a_copy_that_is_one_file_gets_no_files_beside_it(manager: Manager, tmp_p
     assert list(copy.parent.iterdir()) == [copy]
 
 
-def test_a_copy_with_its_log_is_read_to_its_newest_row(manager: Manager, tmp_path: Path) -> None:
+def test_a_copy_with_its_log_is_read_to_its_newest_row(manager: Journal, tmp_path: Path) -> None:
     manager.write("a")
     manager.write("b")
     copy = tmp_path / "copy.db"
@@ -170,7 +139,7 @@ def test_a_copy_with_its_log_is_read_to_its_newest_row(manager: Manager, tmp_pat
 
 
 @contextmanager
-def following(manager: Manager, wanted: RowFilter = ALL_ROWS) -> Iterator[Follower]:
+def following(manager: Journal, wanted: RowFilter = ALL_ROWS) -> Iterator[Follower]:
     with open_journal(manager.path) as reader:
         newest = next(iter(reader.newest(ALL_ROWS, 1)), None)
     follower = Follower(manager.path, wanted, newest)
@@ -180,7 +149,7 @@ def following(manager: Manager, wanted: RowFilter = ALL_ROWS) -> Iterator[Follow
         follower.close()
 
 
-def test_a_follower_tells_each_new_row_once(manager: Manager) -> None:
+def test_a_follower_tells_each_new_row_once(manager: Journal) -> None:
     manager.write("a")
     with following(manager, RowFilter(lift="east")) as follower:
         assert follower.poll() == NewRows()
@@ -192,7 +161,7 @@ def test_a_follower_tells_each_new_row_once(manager: Manager) -> None:
         assert texts(follower.poll()) == ["e"]
 
 
-def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Manager) -> None:
+def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Journal) -> None:
     manager.write()
     with following(manager) as follower:
         assert follower.poll() == NewRows()
@@ -200,7 +169,7 @@ def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Manager) 
         assert texts(follower.poll()) == ["a"]
 
 
-def test_a_follower_goes_on_over_a_cut_and_over_a_restart_of_the_manager(manager: Manager) -> None:
+def test_a_follower_goes_on_over_a_cut_and_over_a_restart_of_the_manager(manager: Journal) -> None:
     manager.write("a", "b", "c")
     with following(manager) as follower:
         assert follower.poll() == NewRows()
@@ -208,13 +177,13 @@ def test_a_follower_goes_on_over_a_cut_and_over_a_restart_of_the_manager(manager
         assert follower.poll().cut is None
         manager.end()
         assert follower.poll() == NewRows()
-        again = Manager(manager.path)
+        again = Journal(manager.path)
         again.write("d")
         assert texts(follower.poll()) == ["d"]
         again.end()
 
 
-def test_a_follower_tells_which_rows_were_cut_before_it_could_read_them(manager: Manager) -> None:
+def test_a_follower_tells_which_rows_were_cut_before_it_could_read_them(manager: Journal) -> None:
     manager.write("a")
     with following(manager) as follower:
         manager.write("b", "c", "d")
@@ -223,14 +192,14 @@ def test_a_follower_tells_which_rows_were_cut_before_it_could_read_them(manager:
         assert (texts(news), news.cut) == (["d", "rows 1 to 3 removed: they are too old"], (2, 3))
 
 
-def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager, tmp_path: Path) -> None:
+def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Journal, tmp_path: Path) -> None:
     manager.write("a", "b")
     with following(manager) as follower:
         assert follower.poll() == NewRows()
         manager.end()
         for file in tmp_path.glob("x.db*"):
             file.rename(tmp_path / f"old-{file.name}")
-        other = Manager(manager.path)
+        other = Journal(manager.path)
         other.write("as old as the last that was told", "x", "y")
         news = follower.poll()
         assert (texts(news), news.replaced) == (["y"], True)
@@ -240,7 +209,7 @@ def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager,
         other.end()
 
 
-def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(manager: Manager, tmp_path: Path) -> None:
+def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(manager: Journal, tmp_path: Path) -> None:
     manager.write("a", "b")
     with following(manager) as follower:
         assert follower.poll() == NewRows()
@@ -250,14 +219,14 @@ def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(man
         for file in tmp_path.glob("x.db*"):
             file.unlink()
         (tmp_path / "copy").rename(manager.path)
-        again = Manager(manager.path)
+        again = Journal(manager.path)
         again.write("c")
         news = follower.poll()
         assert (texts(news), news.replaced) == (["c"], False)
         again.end()
 
 
-def test_a_file_that_is_locked_is_told_in_words_and_a_follower_waits_for_it(manager: Manager) -> None:
+def test_a_file_that_is_locked_is_told_in_words_and_a_follower_waits_for_it(manager: Journal) -> None:
     manager.write("a", "b")
     with open_journal(manager.path) as reader:
         first = reader.row(1)
@@ -309,7 +278,7 @@ def test_what_is_no_journal_is_told_in_words(tmp_path: Path) -> None:
         ("hash = 'x'", "row 2 has no bytes as its hash"),
     ],
 )
-def test_a_row_that_no_manager_has_written_is_named(manager: Manager, change: str, what: str) -> None:
+def test_a_row_that_no_manager_has_written_is_named(manager: Journal, change: str, what: str) -> None:
     manager.write("a", "b", "c")
     with closing(sqlite3.connect(manager.path)) as file:
         file.execute(f"UPDATE rows SET {change} WHERE seq = 2")
@@ -321,7 +290,7 @@ def test_a_row_that_no_manager_has_written_is_named(manager: Manager, change: st
             next(rows)
 
 
-def test_times_are_kept_to_the_microsecond(manager: Manager) -> None:
+def test_times_are_kept_to_the_microsecond(manager: Journal) -> None:
     manager.write("a")
     with open_journal(manager.path) as reader:
         row = reader.row(1)

@@ -47,6 +47,8 @@ class FakeRides(SiteRides):
         self.known: dict[str, Ride] = {}
         self.planned: list[RideRequest] = []
         self.requests: list[RideRequest] = []
+        self.remote: list[bool] = []
+        """Of each, whether its caller is remote."""
         self.reports: list[tuple[str, str, Holder | None]] = []
         """And cancellations, with their reasons."""
         self._begun: dict[tuple[Holder, str], str] = {}
@@ -60,8 +62,9 @@ class FakeRides(SiteRides):
         self._check(request)
         return RidePlan(request.lifts[0], 0, "")
 
-    def begin(self, request: RideRequest) -> RideBegun:
+    def begin(self, request: RideRequest, *, is_remote: bool = False) -> RideBegun:
         self.requests.append(request)
+        self.remote.append(is_remote)
         self._check(request)
         if request.key and (known := self._begun.get((request.caller, request.key))):
             return RideBegun(self.known[known], is_new=False)
