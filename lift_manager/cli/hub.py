@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from socket import socket
 from typing import Annotated, Any
+from urllib.parse import urlsplit
 
 import httpx
 import typer
@@ -70,7 +71,8 @@ def hub(
 ) -> None:
     """Serve the lifts of many sites, or manage the sites.
 
-    Runs a NATS server for the leaf nodes of the sites. Ctrl-C or SIGTERM ends both; the sites run as before.
+    Runs a NATS server for the leaf nodes of the sites, unless hub.yaml names servers that run by themselves. Ctrl-C or SIGTERM ends both;
+    the sites run as before.
 
     Example: lift-manager hub --folder hub
     """
@@ -311,7 +313,11 @@ def _reporting() -> Iterator[None]:
 
 def _cautions(settings: HubSettings) -> Iterator[str]:
     """Yield what people should know at every start, a line each."""
-    if settings.nats.tls is None and not is_loopback(settings.nats.leaf_host):
+    for url in settings.nats.servers:
+        parts = urlsplit(url)
+        if parts.scheme == "nats" and not is_loopback(parts.hostname or ""):
+            yield f"the hub connects to {url} without TLS: others on the way can read its password and what sites send; write tls://"
+    if settings.nats.tls is None and not settings.nats.servers and not is_loopback(settings.nats.leaf_host):
         yield f"leaf nodes connect to {settings.nats.leaf_host} without TLS: others on the way can read and change what sites send; add `nats: {{tls: ...}}`"
     if settings.http.tls is None and not is_loopback(settings.http.host):
         yield f"the API listens on {settings.http.host} without TLS: keys cross the network as they are; add `http: {{tls: ...}}`"

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from contextlib import suppress
 from importlib import import_module
+from ssl import SSLContext
 from typing import TYPE_CHECKING
 
 from lift_manager.hub.errors import NatsMissing
@@ -41,15 +42,18 @@ def raise_if_cancelled() -> None:
 
 
 class Connection:
-    """One connection to a NATS server, made again for as long as it lasts.
+    """One connection to a NATS server, or to one of a cluster, made again for as long as it lasts.
 
     Nothing is buffered while it is lost: what cannot be sent now fails now, because a command that arrives late is a wrong command.
     """
 
-    def __init__(self, owner: str, server: str, user: str, password: str) -> None:
-        """`owner` is what the log names; `server` is a URL without credentials."""
-        self._owner, self._server = owner, server
-        self._user, self._password = user, password
+    def __init__(
+        self, owner: str, servers: tuple[str, ...], user: str, password: str, tls: SSLContext | None = None
+    ) -> None:
+        """`owner` is what the log names; `servers` are URLs without credentials. Without `tls`, a tls:// URL trusts the CAs of the system."""
+        self._owner, self._servers = owner, servers
+        self._user, self._password, self._tls = user, password, tls
+        self._names = ", ".join(servers)
         self._trouble = ""
         self._client: Client | None = None
 
@@ -69,7 +73,7 @@ class Connection:
         module = import_module("nats.aio.client")
         self._client = module.Client()
         await self._client.connect(
-            self._server,
+            list(self._servers),
             user=self._user,
             password=self._password,
             name=self._owner,
@@ -81,6 +85,7 @@ class Connection:
             reconnect_time_wait=RECONNECT_S,  # type: ignore[arg-type]  # the annotation says int; it goes to asyncio.sleep
             ping_interval=PING_S,
             pending_size=0,
+            tls=self._tls,
         )
         await self._on_connected()
 
@@ -90,7 +95,7 @@ class Connection:
         if (version.major, version.minor) < OLDEST_SERVER:
             oldest = ".".join(map(str, OLDEST_SERVER))
             text = "%s: the NATS server at %s is version %s.%s, and rows can be read from %s on: install a newer one"
-            _log.warning(text, self._owner, self._server, version.major, version.minor, oldest)
+            _log.warning(text, self._owner, self._names, version.major, version.minor, oldest)
 
     async def close(self) -> None:
         """Close it, without waiting for what is under way, nor for a server that hangs."""
@@ -102,16 +107,17 @@ class Connection:
 
     async def _on_connected(self) -> None:
         self._trouble = ""
-        _log.info("%s: connected to %s", self._owner, self._server)
+        url = self.client.connected_url
+        _log.info("%s: connected to %s", self._owner, self._names if url is None else f"{url.scheme}://{url.netloc}")
 
     async def _on_lost(self) -> None:
         if self._client is not None and not self._client.is_closed:
             _log.warning(
-                "%s: the connection to %s is lost; it is made again as soon as possible", self._owner, self._server
+                "%s: the connection to %s is lost; it is made again as soon as possible", self._owner, self._names
             )
 
     async def _on_error(self, error: Exception) -> None:
         trouble = str(error) or type(error).__name__
         if trouble != self._trouble:
-            _log.warning("%s: %s: %s", self._owner, self._server, trouble)
+            _log.warning("%s: %s: %s", self._owner, self._names, trouble)
         self._trouble = trouble

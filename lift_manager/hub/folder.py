@@ -3,6 +3,7 @@
 hub.yaml         settings, written by hand; optional
 sites.json       the sites and their public keys, and the password of the hub at its own NATS server
 nats.conf        for that server; written by the program; beside it nats.log, nats.err and nats.pid
+accounts.conf    in its place where hub.yaml names NATS servers that run by themselves: what each of them includes
 hub.lock         held by the hub that runs with this folder
 hub.keys.json    the keys of the hub's callers
 hub.db           rows of all journals, as far as they were read
@@ -17,6 +18,7 @@ import os
 import re
 import secrets
 import shutil
+import ssl
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,6 +34,8 @@ from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.nkey import Nkey, make_nkey
 
 SiteId = Annotated[str, StringConstraints(pattern=HUB_SITE_ID)]
+ServerUrl = Annotated[str, StringConstraints(pattern=r"^(nats|tls)://[^/@\s]+:[0-9]{1,5}$")]
+"""Without credentials: those of the hub are in sites.json."""
 
 
 class _Part(BaseModel):
@@ -59,10 +63,12 @@ class HttpSettings(_Part):
 
 
 class NatsSettings(_Part):
-    """The NATS server of the hub."""
+    """The NATS server of the hub, or the servers."""
 
-    address: Host = "127.0.0.1"
-    """The name or address by which the leaf nodes of sites reach it."""
+    servers: tuple[ServerUrl, ...] = ()
+    """NATS servers that run by themselves, and that include accounts.conf. None: the hub runs one of its own."""
+    address: Host | Annotated[tuple[Host, ...], Field(min_length=1)] = "127.0.0.1"
+    """The name or address by which the leaf nodes of sites reach it; those of several servers."""
     leaf_host: Host = "127.0.0.1"
     """Where it listens for them."""
     leaf_port: Port = 7422
@@ -75,6 +81,16 @@ class NatsSettings(_Part):
     ca: str | None = None
     """The CA of that certificate, which is carried to the sites; by default those that their computers trust."""
     program: str = "nats-server"
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Where the hub itself connects."""
+        return self.servers or (f"nats://127.0.0.1:{self.client_port}",)
+
+    @property
+    def leafs_use_tls(self) -> bool:
+        """Whether leaf nodes connect with TLS; to servers that run by themselves, if the hub does."""
+        return self.tls is not None or any(url.startswith("tls:") for url in self.servers)
 
 
 class HubSettings(_Part):
@@ -130,6 +146,7 @@ class HubFolder:
         self.keys = path / "hub.keys.json"
         self.rows = path / "hub.db"
         self.nats_conf = path / "nats.conf"
+        self.accounts_conf = path / "accounts.conf"
         self.registry_file = path / "sites.json"
 
     def claim(self) -> int:
@@ -168,6 +185,16 @@ class HubFolder:
         except OSError as error:
             raise FolderUnusable(f"{error.filename} cannot be read ({error.strerror})") from error
 
+    def client_tls(self) -> ssl.SSLContext | None:
+        """Return what the hub trusts of NATS servers with tls:// URLs; None for the CAs of the system."""
+        ca = self.settings().nats.ca
+        if ca is None:
+            return None
+        try:
+            return ssl.create_default_context(cafile=self.path / ca)
+        except OSError as error:
+            raise FolderUnusable(f"nats.ca: {self.path / ca} cannot be used: {error.strerror or error}") from error
+
     def registry(self) -> Registry:
         """Return the sites; a registry without sites where there is no file."""
         if is_shared(self.path):
@@ -185,11 +212,14 @@ class HubFolder:
             raise FolderUnusable(f"{self.registry_file}: {_first_mistake(error)}; restore a copy of it") from None
 
     def write(self, registry: Registry) -> None:
-        """Write the registry, and the configuration of the NATS server that follows from it."""
+        """Write the registry, and what follows from it for the NATS servers."""
         settings = self.settings().nats
         try:
             replace_file(self.registry_file, registry.model_dump_json(indent=2).encode() + b"\n")
-            replace_file(self.nats_conf, server_configuration(settings, registry, self.path).encode())
+            if settings.servers:
+                replace_file(self.accounts_conf, _configuration(_accounts(registry)).encode())
+            else:
+                replace_file(self.nats_conf, server_configuration(settings, registry, self.path).encode())
         except OSError as error:
             raise FolderUnusable(f"{self.path} cannot be written ({error.strerror or error})") from error
 
@@ -248,23 +278,29 @@ def _first_mistake(error: ValidationError) -> str:
     return f"{'.'.join(str(part) for part in found['loc'])}: {found['msg']}"
 
 
-def server_configuration(settings: NatsSettings, registry: Registry, folder: Path) -> str:
-    """Return the configuration of the hub's NATS server: an account for each site, and one for the hub.
+def _accounts(registry: Registry) -> dict[str, object]:
+    """Return the accounts of the NATS servers: one for each site, and one for the hub.
 
     What leaves the account of a site is fixed here, by its subjects: whatever a site publishes, it publishes as itself. A site that is
     switched off has no account, so its leaf node is refused.
     """
     live = [(site, entry) for site, entry in registry.sites.items() if entry.off is None]
-    accounts = {f"SITE_{site}": _site_account(site, entry) for site, entry in live}
+    accounts = {account(site): _site_account(site, entry) for site, entry in live}
     imports: list[object] = []
     for site, _ in live:
-        of = f"SITE_{site}"
+        of = account(site)
         imports += [
             {"stream": {"account": of, "subject": subjects.news(site)}},
             {"service": {"account": of, "subject": subjects.rows(site)}},
             {"service": {"account": of, "subject": subjects.request(site, ">")}},
         ]
     hub = {"users": [{"user": "hub", "password": registry.password}], "imports": imports}
+    system = {"users": [{"user": "system", "password": registry.password}]}
+    return {"accounts": {**accounts, "HUB": hub, SYSTEM: system}, "system_account": SYSTEM}
+
+
+def server_configuration(settings: NatsSettings, registry: Registry, folder: Path) -> str:
+    """Return the configuration of the NATS server that the hub runs."""
     leafnodes: dict[str, object] = {"listen": f"{settings.leaf_host}:{settings.leaf_port}"}
     if settings.tls is not None:
         leafnodes["tls"] = {
@@ -276,17 +312,13 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
             "server_name": "lift-manager-hub",
             "listen": f"127.0.0.1:{settings.client_port}",
             "max_payload": MAX_PAYLOAD,
+            "ping_interval": PING,
             "pid_file": str(folder.absolute() / PID_FILE),
             "log_file": str(folder.absolute() / LOG_FILE),
             "logfile_size_limit": LOG_BYTES,
             "logfile_max_num": 3,
             "leafnodes": leafnodes,
-            "accounts": {
-                **accounts,
-                "HUB": hub,
-                SYSTEM: {"users": [{"user": "system", "password": registry.password}]},
-            },
-            "system_account": SYSTEM,
+            **_accounts(registry),
         }
     )
 
@@ -296,8 +328,15 @@ LOG_BYTES = 10_000_000
 """Of one of three log files: a site that is refused causes lines as often as it likes."""
 SYSTEM = "SYSTEM"
 """The account through which the hub closes the connection of a site that is switched off."""
+PING = "5s"
+"""How often a server tests a connection; after two tests without a reply it gives it up. By default that takes a leaf node six minutes."""
 MAX_PAYLOAD = 1024 * 1024
 """Bytes of a message: a thousand lifts fit."""
+
+
+def account(site: str) -> str:
+    """Return the account of a site on the NATS servers of the hub."""
+    return f"SITE_{site}"
 
 
 def _site_account(site: str, entry: SiteEntry) -> dict[str, object]:
@@ -320,13 +359,14 @@ def _site_account(site: str, entry: SiteEntry) -> dict[str, object]:
 
 def leaf_configuration(settings: NatsSettings, site: str, nkey: Nkey, password: str) -> str:
     """Return the configuration of the leaf node of a site, whose JetStream works with and without the hub."""
-    scheme = "nats-leaf" if settings.tls is None else "tls"
+    scheme = "tls" if settings.leafs_use_tls else "nats-leaf"
+    addresses = (settings.address,) if isinstance(settings.address, str) else settings.address
     remote: dict[str, object] = {
-        "url": f"{scheme}://{settings.address}:{settings.leaf_port}",
+        "urls": [f"{scheme}://{address}:{settings.leaf_port}" for address in addresses],
         "nkey": nkey.seed,
         "account": subjects.ACCOUNT,
     }
-    if settings.tls is not None:
+    if settings.leafs_use_tls:
         remote["tls"] = {"ca_file": "ca.pem"} if settings.ca is not None else {}
     account = {
         "jetstream": "enabled",
@@ -339,6 +379,7 @@ def leaf_configuration(settings: NatsSettings, site: str, nkey: Nkey, password: 
             "server_name": f"leaf-{site}",
             "listen": f"127.0.0.1:{settings.site_port}",
             "max_payload": MAX_PAYLOAD,
+            "ping_interval": PING,
             "jetstream": {"domain": subjects.domain(site), "store_dir": "jetstream"},
             "accounts": {subjects.ACCOUNT: account},
             "leafnodes": {"reconnect": "2s", "remotes": [remote]},

@@ -1,20 +1,17 @@
-"""Runs the NATS server of the hub as a child of this process, and lets it read a changed configuration."""
+"""Runs the NATS server of the hub as a child of this process."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import os
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
-from lift_manager.hub.connection import Connection
 from lift_manager.hub.errors import HubError
 from lift_manager.hub.folder import LOG_FILE, PID_FILE, HubFolder
 
@@ -24,8 +21,6 @@ RESTART_S = 1.0
 """How long to wait before a server that has ended is started again."""
 CHECK_S = 0.1
 """How often to check whether it runs. Not asyncio's own processes: cancelled while one starts, they never end (CPython 3.11)."""
-REPLY_S = 2.0
-"""How long the server may take to reply about its own connections."""
 
 _log = logging.getLogger(__name__)
 
@@ -118,36 +113,6 @@ class NatsServer:
             return None
         # else the number belongs to another program now
         return pid if self._configuration.encode() in words else None
-
-    async def reload(self, closed: Collection[str]) -> None:
-        """Let it read its configuration again, and close the connections of these sites, which it does not do by itself (2.15)."""
-        if self._process is None or self._process.poll() is not None:
-            return
-        self._process.send_signal(signal.SIGHUP)
-        if closed:
-            await self._close_leafs({f"SITE_{site}" for site in closed})
-
-    async def _close_leafs(self, accounts: Collection[str]) -> None:
-        from nats.errors import Error  # noqa: PLC0415
-
-        nats = self._folder.settings().nats
-        system = Connection("hub", f"nats://127.0.0.1:{nats.client_port}", "system", self._folder.registry().password)
-        try:
-            async with asyncio.timeout(REPLY_S):
-                await system.open()
-                await asyncio.sleep(0.1)  # the server reads its configuration on a signal, which has no reply
-                found = await system.client.request("$SYS.REQ.SERVER.PING.LEAFZ", b"{}", timeout=REPLY_S)
-                server = json.loads(found.data)
-                for leaf in server["data"].get("leafs") or ():
-                    if leaf.get("account") in accounts:
-                        subject = f"$SYS.REQ.SERVER.{server['server']['id']}.KICK"
-                        await system.client.request(subject, json.dumps({"cid": leaf["id"]}).encode(), timeout=REPLY_S)
-        except (Error, OSError, TimeoutError) as error:
-            _log.error(
-                "the connection of %s could not be closed: %s", ", ".join(accounts), str(error) or "no reply in time"
-            )
-        finally:
-            await system.close()
 
     async def _stop(self) -> None:
         process = self._process

@@ -1,4 +1,4 @@
-"""The hub: all sites, over one connection to its NATS server, and what was read of them."""
+"""The hub: all sites, over one connection to its NATS servers, and what was read of them."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ import os
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVar
 
 from drivers.thread import Worker
 from lift_manager.hub.connection import CLOSE_WITHIN_S, Connection
 from lift_manager.hub.errors import FolderUnusable
-from lift_manager.hub.folder import HubFolder, Registry
+from lift_manager.hub.folder import HubFolder, Registry, account
 from lift_manager.hub.messages import Position, RowMessage
 from lift_manager.hub.nats_server import NatsServer
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.rows import RowStore, StoredEvent
+from lift_manager.hub.system_account import SystemAccount
 
 CHECK_EVERY_S = 0.5
 """How often the files of the folder are checked, as those of keys."""
@@ -39,10 +41,13 @@ class Hub:
         """Raises FolderUnusable and NatsServerMissing."""
         self.folder = folder
         self.registry: Registry = folder.registry()
-        self._server = NatsServer(folder)
         settings = folder.settings().nats
-        url = f"nats://127.0.0.1:{settings.client_port}"
-        self._connection = Connection("hub", url, "hub", self.registry.password)
+        self._server = None if settings.servers else NatsServer(folder)
+        """None where the NATS servers run by themselves."""
+        password, tls = self.registry.password, folder.client_tls()
+        self._connection = Connection("hub", settings.urls, "hub", password, tls)
+        system = partial(Connection, "hub", settings.urls, "system", password, tls)
+        self._system = SystemAccount(system, len(settings.urls))
         self.sites: dict[str, RemoteSite] = {}
         """The sites that are not switched off."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
@@ -52,7 +57,7 @@ class Hub:
 
     @property
     def is_up(self) -> bool:
-        """Whether the hub reaches its NATS server."""
+        """Whether the hub reaches a NATS server."""
         return self._connection.is_up
 
     async def run(self, ready: Callable[[], None]) -> None:
@@ -69,9 +74,11 @@ class Hub:
         positions = await self._in_thread(self._store.positions)
         try:
             async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self._server.run())
+                if self._server is not None:
+                    tasks.create_task(self._server.run())
                 try:
-                    await self._server.accepts()
+                    if self._server is not None:
+                        await self._server.accepts()
                     await self._connection.open()
                     self._connection.warn_of_old_server()
                     self._follow(tasks, self.registry, positions)
@@ -105,11 +112,9 @@ class Hub:
         """Store and pass on an event of the hub itself about a site."""
         event: dict[str, object] = {"event": "site", "state": word, "text": text}
         try:
-            stored = await self._in_thread(lambda: self._store.add_event(site, event))
+            await self._add(site, lambda: [self._store.add_event(site, event)])
         except sqlite3.Error as error:
             _log.error("%s: %s cannot be stored: %s", site, word, error)
-            return
-        self._pass_on(site, [stored])
 
     @property
     def _store(self) -> RowStore:
@@ -117,10 +122,18 @@ class Hub:
         return self._rows
 
     async def _add_rows(self, site: str, rows: Sequence[RowMessage], position: Position) -> None:
-        self._pass_on(site, await self._in_thread(lambda: self._store.add_rows(site, rows, position)))
+        await self._add(site, lambda: self._store.add_rows(site, rows, position))
 
-    def _pass_on(self, site: str, events: Sequence[StoredEvent]) -> None:
-        for event in events:
+    async def _add(self, site: str, work: Callable[[], Sequence[StoredEvent]]) -> None:
+        """Store events, and pass them on in the order of their numbers, also if the task of their site ends meanwhile."""
+        stored = self._worker.submit(work)
+        stored.add_done_callback(partial(self._pass_on, site))
+        await asyncio.shield(stored)
+
+    def _pass_on(self, site: str, stored: asyncio.Future[Sequence[StoredEvent]]) -> None:
+        if stored.cancelled() or stored.exception() is not None:
+            return
+        for event in stored.result():
             for receive in self._receivers:
                 receive(event, site)
 
@@ -158,14 +171,14 @@ class Hub:
                 await self._apply(tasks, registry)
             if newest != tls_changed_at:
                 tls_changed_at = newest
-                await self._server.reload(())
+                await self._system.reload(())
                 _log.info("the NATS server reads its certificate again")
 
     async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
         before = self.registry.sites
-        closed = [site for site, entry in before.items() if _is_closed(registry, site, entry.nkey)]
+        closed = {account(site) for site, entry in before.items() if _is_closed(registry, site, entry.nkey)}
         positions = await self._in_thread(self._store.positions)
-        await self._server.reload(closed)
+        await self._system.reload(closed)
         self._follow(tasks, registry, positions)
         for site, entry in registry.sites.items():
             if entry.switch is not None and (site not in before or before[site].switch != entry.switch):

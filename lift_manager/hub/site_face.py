@@ -83,7 +83,7 @@ class SiteFace:
     def __init__(self, settings: HubSettings, name: str, site: Site, signers: Signers | None) -> None:
         """`name` is that of the site file. Without `signers` there are no commands: nobody could sign one."""
         self._settings, self._name, self._site = settings, name, site
-        self._connection = Connection("hub", settings.server, "manager", settings.password)
+        self._connection = Connection("hub", (settings.server,), "manager", settings.password)
         self._commands = Commands(settings.site, site, signers) if settings.commands and signers is not None else None
 
     async def run(self) -> None:

@@ -120,9 +120,35 @@ class Rig:
         """Lose what the leaf node of a site keeps; it does not run."""
         shutil.rmtree(self.files(site) / "jetstream")
 
+    def use_separate_server(self) -> None:
+        """Name a NATS server that runs by itself, for the sites that are added from now on."""
+        self.settings["servers"] = [f"nats://127.0.0.1:{self.settings['client_port']}"]
+
+    @contextmanager
+    def nats_server(self) -> Iterator[None]:
+        """Run that server, as an operator would."""
+        file = self.place.path / "server.conf"
+        ports = [f'"127.0.0.1:{self.settings[name]}"' for name in ("client_port", "leaf_port")]
+        file.write_text("listen: {}\nleafnodes: {{listen: {}}}\ninclude accounts.conf\n".format(*ports))
+        with (self.place.path / "server.log").open("ab") as log:
+            process = subprocess.Popen([NATS_SERVER, "-c", str(file)], stdout=log, stderr=log)
+            try:
+                yield
+            finally:
+                process.terminate()
+                process.wait(HANGS_S)
+
+    def second_place(self) -> HubFolder:
+        """Return the folder of a second hub with the same sites, on another computer."""
+        path = self.place.path.with_name("second")
+        path.mkdir(mode=0o700)
+        for file in ("hub.yaml", "sites.json"):
+            shutil.copy2(self.place.path / file, path / file)
+        return HubFolder(path)
+
     @asynccontextmanager
-    async def hub(self, keys: KeyRing | None = None) -> AsyncIterator["RunningHub"]:
-        hub, ready = Hub(self.place), asyncio.Event()
+    async def hub(self, keys: KeyRing | None = None, place: HubFolder | None = None) -> AsyncIterator["RunningHub"]:
+        hub, ready = Hub(place or self.place), asyncio.Event()
         task = asyncio.create_task(hub.run(ready.set))
         try:
             await asyncio.wait({task, asyncio.create_task(ready.wait())}, return_when=asyncio.FIRST_COMPLETED)

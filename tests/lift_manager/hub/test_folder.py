@@ -77,6 +77,23 @@ def test_a_site_that_is_removed_and_added_again_has_another_key(place: HubFolder
     assert place.registry().sites["berlin"].nkey != before
 
 
+def test_servers_that_run_by_themselves_get_the_accounts_and_leaf_nodes_know_all_of_them(place: HubFolder) -> None:
+    nats = "servers: ['tls://n1:4222', 'tls://n2:4222'], address: [n1, n2], leaf_port: 7423"
+    (place.path / "hub.yaml").write_text(f"nats: {{{nats}}}")
+    leaf = configuration(place.add_site("berlin") / "leaf.conf")
+    assert leaf["leafnodes"]["remotes"][0]["urls"] == ["tls://n1:7423", "tls://n2:7423"]
+    found = configuration(place.accounts_conf)
+    assert set(found) == {"accounts", "system_account"}
+    assert set(found["accounts"]) == {"SITE_berlin", "HUB", "SYSTEM"}
+    assert place.accounts_conf.stat().st_mode & 0o077 == 0
+    assert not place.nats_conf.exists()
+
+
+def test_a_connection_that_is_dead_is_given_up_within_seconds_on_both_sides(place: HubFolder) -> None:
+    leaf = configuration(place.add_site("berlin") / "leaf.conf")
+    assert leaf["ping_interval"] == configuration(place.nats_conf)["ping_interval"] == "5s"
+
+
 @pytest.mark.parametrize("site", ["", "Berlin", "a.b", "*", ">", "a b", "-a", "a-", "a" * 33, "../a", "a\n", "é"])
 def test_an_id_that_would_mean_something_in_a_subject_or_a_path_is_refused(place: HubFolder, site: str) -> None:
     with pytest.raises(FolderUnusable, match="cannot be the id"):
@@ -89,6 +106,8 @@ def test_an_id_that_would_mean_something_in_a_subject_or_a_path_is_refused(place
     [
         ("nats: {leaf_prot: 1}", "nats.leaf_prot: Extra inputs"),
         ("http: {port: 0}", "http.port"),
+        ("nats: {servers: ['nats://me:secret@n1:4222']}", "nats.servers.0"),
+        ("nats: {address: []}", "nats.address"),
         ("nats: [", "cannot be read"),
         ("[]", "valid dictionary"),
     ],
