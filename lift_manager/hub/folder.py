@@ -301,7 +301,8 @@ def _accounts(registry: Registry) -> dict[str, object]:
 
 def server_configuration(settings: NatsSettings, registry: Registry, folder: Path) -> str:
     """Return the configuration of the NATS server that the hub runs."""
-    leafnodes: dict[str, object] = {"listen": f"{settings.leaf_host}:{settings.leaf_port}"}
+    # else leaf nodes learn the addresses of this computer, and try those too, which may be other computers where they are
+    leafnodes: dict[str, object] = {"listen": f"{settings.leaf_host}:{settings.leaf_port}", "no_advertise": True}
     if settings.tls is not None:
         leafnodes["tls"] = {
             "cert_file": str(folder.absolute() / settings.tls.certificate),
