@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import AwareDatetime, Field
 
 from lift_manager.api.fields import Answer, RequestModel, Seconds, ShortName, Words
@@ -103,6 +105,13 @@ class RemoteRideAnswer(Answer):
     site: str
     round_trip_s: Seconds = Field(description="How long request and reply took.")
     ride: RemoteRide
+
+
+class Lost(Answer):
+    """An event: it is unknown what this reader has missed."""
+
+    event: Literal["lost"] = "lost"
+    text: str
 
 
 class SwitchOffRequest(RequestModel):

@@ -20,16 +20,19 @@ BYTES_PER_SITE = 128 * 1024 * 1024
 """The same in bytes, for a site that makes its rows as long as it can."""
 JOURNALS_PER_SITE = 100
 """Journals of one site whose newest row is known. A site gets another one when a backup is restored."""
-MOST_AT_ONCE = 10_000
-"""Events that are read for one reader."""
+PAGE = 500
+"""Events that are read at once. Chosen: two milliseconds."""
 
 _SCHEMA = """
+CREATE TABLE IF NOT EXISTS hub (id TEXT NOT NULL);
+INSERT INTO hub SELECT lower(hex(randomblob(4))) WHERE NOT EXISTS (SELECT 1 FROM hub);
 CREATE TABLE IF NOT EXISTS events (
     id INTEGER PRIMARY KEY AUTOINCREMENT, site TEXT NOT NULL, name TEXT NOT NULL, event TEXT NOT NULL
 );
 CREATE INDEX IF NOT EXISTS of_site ON events (site, id);
 CREATE TABLE IF NOT EXISTS journals (site TEXT NOT NULL, journal TEXT NOT NULL, seq INTEGER NOT NULL, PRIMARY KEY (site, journal));
 CREATE TABLE IF NOT EXISTS positions (site TEXT PRIMARY KEY, stream TEXT NOT NULL, at INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS pruned (site TEXT PRIMARY KEY, id INTEGER NOT NULL);
 """
 
 
@@ -53,6 +56,8 @@ class RowStore:
         self._connection.execute("PRAGMA journal_mode = WAL").fetchone()
         self._connection.execute("PRAGMA synchronous = NORMAL")
         self._connection.executescript(_SCHEMA)
+        self.id = str(self._connection.execute("SELECT id FROM hub").fetchone()[0])
+        """Of this database: the numbers of events mean nothing in another one, be it of another hub or of this one after a loss."""
         self._bytes: dict[str, int] = {}
         """Of the events of each site that has sent any."""
 
@@ -101,12 +106,17 @@ class RowStore:
         self._prune(site)
         return stored
 
-    def after(self, number: int, site: str | None) -> Sequence[StoredEvent]:
-        """Return the events after one, the oldest first: the newest `MOST_AT_ONCE` of them."""
+    def after(self, number: int, site: str | None, most: int = PAGE) -> Sequence[StoredEvent]:
+        """Return the events that follow one, the oldest first; as many as `most`."""
         which, values = ("", ()) if site is None else ("site = ? AND", (site,))
-        query = f"SELECT id, name, event FROM events WHERE {which} id > ? ORDER BY id DESC LIMIT ?"  # noqa: S608  constants
-        found = self._connection.execute(query, (*values, number, MOST_AT_ONCE)).fetchall()
-        return [StoredEvent(*row) for row in reversed(found)]
+        query = f"SELECT id, name, event FROM events WHERE {which} id > ? ORDER BY id LIMIT ?"  # noqa: S608  constants
+        return [StoredEvent(*row) for row in self._connection.execute(query, (*values, number, most))]
+
+    def pruned(self, site: str | None) -> int:
+        """Return the number of the newest event that was removed because a site had too many; 0 if there is none."""
+        if site is None:
+            return self._read_number("SELECT max(id) FROM pruned")
+        return self._read_number("SELECT id FROM pruned WHERE site = ?", site)
 
     def newest(self) -> int:
         """Return the number of the newest event; 0 if there is none."""
@@ -141,10 +151,11 @@ class RowStore:
         if count <= self._kept and not too_long:
             return
         kept = min(self._kept * 9 // 10, count // 2 if too_long else count)
-        query = "DELETE FROM events WHERE site = ? AND id <= (SELECT id FROM events WHERE site = ? ORDER BY id DESC LIMIT 1 OFFSET ?)"
-        self._connection.execute(query, (site, site, kept))
+        last = self._read_number("SELECT id FROM events WHERE site = ? ORDER BY id DESC LIMIT 1 OFFSET ?", site, kept)
+        self._connection.execute("DELETE FROM events WHERE site = ? AND id <= ?", (site, last))
+        self._connection.execute("INSERT OR REPLACE INTO pruned VALUES (?, ?)", (site, last))
         del self._bytes[site]
 
     def _read_number(self, query: str, *values: object) -> int:
-        (number,) = self._connection.execute(query, values).fetchone()
-        return int(number or 0)
+        found = self._connection.execute(query, values).fetchone()
+        return int((found or (0,))[0] or 0)

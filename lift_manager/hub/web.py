@@ -30,7 +30,7 @@ from lift_manager.hub.api import (
 )
 from lift_manager.hub.commands import read_action
 from lift_manager.hub.errors import BadReply, FolderUnusable, SiteRefused, SiteSilent
-from lift_manager.hub.feed import HubFeed
+from lift_manager.hub.feed import EVENT_ID, HubFeed
 from lift_manager.hub.messages import BeginRide, CancelRide, CommandMessage, CommandResult, SignedCommand, Ticket
 from lift_manager.hub.metrics import HubMetrics
 from lift_manager.hub.remote_site import RemoteSite, SiteState
@@ -365,11 +365,11 @@ async def events(
     if site is not None:
         _require_site(_hub_of(request), site)
     given = last_event_id or after
-    if given and not (given.isascii() and given.isdigit() and len(given) <= 18):
-        raise RequestError("malformed", "last_event_id must be the id of an event: a number", field="last_event_id")
+    if given and EVENT_ID.fullmatch(given) is None:
+        raise RequestError("malformed", "last_event_id must be the id of an event, or 0", field="last_event_id")
     key, keys = caller_key(request), request.app.state.keys
     feed: HubFeed = request.app.state.feed
-    open_reader = partial(feed.reader, site, int(given) if given else None, _admits(keys, key))
+    open_reader = partial(feed.reader, site, given or None, _admits(keys, key))
     return EventStream(request.app.state.places, open_reader, key)
 
 

@@ -41,7 +41,7 @@ class Forked:
             files = [theirs.fileno(), out, err, *(() if stdin is None else (stdin,))]
             socket.send_fds(_starter(), [json.dumps(order).encode()], files)
         self._answers.settimeout(STARTS_WITHIN_S)
-        self._pid = int(self._answers.recv(32))
+        self.pid = int(self._answers.recv(32))
 
     @property
     def returncode(self) -> int | None:
@@ -67,7 +67,7 @@ class Forked:
 
     def send_signal(self, number: signal.Signals) -> None:
         if self.poll() is None:
-            os.kill(self._pid, number)
+            os.kill(self.pid, number)
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)

@@ -88,6 +88,10 @@ class Program:
     def err(self) -> str:
         return _text_so_far(self._err)
 
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
     def says(self, pattern: str) -> re.Match[str]:
         """Wait until stdout holds this."""
 

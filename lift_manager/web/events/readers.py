@@ -70,6 +70,10 @@ class Reader:
             self._queue.append(entry)
         self._wake()
 
+    def extend_backlog(self, entries: Iterable[Entry]) -> None:
+        """Send these before what is queued."""
+        self._backlog.extend(entries)
+
     def end(self) -> None:
         """End the stream, whatever is still queued."""
         self._ended = True

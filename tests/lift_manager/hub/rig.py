@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, closing, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -95,17 +95,9 @@ class Rig:
 
     @contextmanager
     def nats_server(self) -> Iterator[None]:
-        """Run that server, as an operator would."""
-        file = self.place.path / "server.conf"
-        ports = [f'"127.0.0.1:{self.settings[name]}"' for name in ("client_port", "leaf_port")]
-        file.write_text("listen: {}\nleafnodes: {{listen: {}}}\ninclude accounts.conf\n".format(*ports))
-        with (self.place.path / "server.log").open("ab") as log:
-            process = subprocess.Popen([NATS_SERVER, "-c", str(file)], stdout=log, stderr=log)
-            try:
-                yield
-            finally:
-                process.terminate()
-                process.wait(HANGS_S)
+        """Run that server."""
+        with separate_nats_server(self.place, self.settings):
+            yield
 
     def second_place(self) -> HubFolder:
         """Return the folder of a second hub with the same sites, on another computer."""
@@ -163,6 +155,21 @@ class Rig:
 
     def _password(self, site: str) -> str:
         return (self.files(site) / "manager.password").read_text().strip()
+
+
+@contextmanager
+def separate_nats_server(place: HubFolder, ports: Mapping[str, object]) -> Iterator[None]:
+    """Run a NATS server for a hub, as an operator would; its sites were added before."""
+    file = place.path / "server.conf"
+    listens = [f'"127.0.0.1:{ports[name]}"' for name in ("client_port", "leaf_port")]
+    file.write_text("listen: {}\nleafnodes: {{listen: {}}}\ninclude accounts.conf\n".format(*listens))
+    with (place.path / "server.log").open("ab") as log:
+        process = subprocess.Popen([NATS_SERVER, "-c", str(file)], stdout=log, stderr=log)
+        try:
+            yield
+        finally:
+            process.terminate()
+            process.wait(HANGS_S)
 
 
 class RunningHub:

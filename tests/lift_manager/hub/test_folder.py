@@ -94,6 +94,12 @@ def test_a_connection_that_is_dead_is_given_up_within_seconds_on_both_sides(plac
     assert leaf["ping_interval"] == configuration(place.nats_conf)["ping_interval"] == "5s"
 
 
+def test_connections_of_sites_are_not_compressed_which_would_take_megabytes_for_each(place: HubFolder) -> None:
+    leaf = configuration(place.add_site("berlin") / "leaf.conf")
+    assert leaf["leafnodes"]["remotes"][0]["compression"] == "off"
+    assert configuration(place.nats_conf)["leafnodes"]["compression"] == "off"
+
+
 @pytest.mark.parametrize("site", ["", "Berlin", "a.b", "*", ">", "a b", "-a", "a-", "a" * 33, "../a", "a\n", "é"])
 def test_an_id_that_would_mean_something_in_a_subject_or_a_path_is_refused(place: HubFolder, site: str) -> None:
     with pytest.raises(FolderUnusable, match="cannot be the id"):

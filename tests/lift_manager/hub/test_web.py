@@ -3,6 +3,7 @@
 import asyncio
 import json
 import re
+from contextlib import closing
 from pathlib import Path
 
 import httpx
@@ -22,7 +23,7 @@ from lift_manager.hub.web import make_hub_app
 from lift_manager.lift.state import Quality
 from lift_manager.web.error_codes import HUB_CODES
 from lift_manager.web.events.readers import OpenStreams
-from tests.lift_manager.hub.rig import Rig, until
+from tests.lift_manager.hub.rig import Rig, RunningHub, until
 from tests.lift_manager.web.fake import FakeSite
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.support.journal import Journal
@@ -188,7 +189,7 @@ def test_a_reader_that_reconnects_gets_what_it_has_missed_and_then_what_comes(ri
                 numbers = [event.number for event in hub.stored("berlin") if event.name == "row"]
                 feed = HubFeed(hub.hub, OpenStreams(4))
                 with (
-                    feed.reader("berlin", numbers[0], lambda: True) as reader,
+                    feed.reader("berlin", event_id(hub, numbers[0]), lambda: True) as reader,
                     feed.reader(None, None, lambda: True) as new,
                 ):
                     assert texts(await reader.next()) == ["b"]
@@ -198,6 +199,11 @@ def test_a_reader_that_reconnects_gets_what_it_has_missed_and_then_what_comes(ri
                     assert texts(await new.next()) == ["c"]
 
     asyncio.run(main())
+
+
+def event_id(hub: RunningHub, number: int) -> str:
+    with closing(hub.hub.open_rows()) as rows:
+        return f"{rows.id}-{number}"
 
 
 def texts(chunk: bytes | None) -> list[str]:
