@@ -140,17 +140,20 @@ class Hub:
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
         return await self._worker.submit(work)
 
-    def _follow(self, tasks: asyncio.TaskGroup, registry: Registry, positions: Mapping[str, Position]) -> None:
-        """Observe the sites of a registry that are not switched off, and no others."""
-        live = {site for site, entry in registry.sites.items() if entry.off is None}
-        for site in set(self.sites) - live:
+    def _forget(self, registry: Registry) -> None:
+        """Observe no site that a registry does not have, or has switched off, and serve requests for none."""
+        for site in set(self.sites) - _live(registry):
             self._tasks.pop(site).cancel()
             del self.sites[site]
-        for site in sorted(live - set(self.sites)):
+        self.registry = registry
+
+    def _follow(self, tasks: asyncio.TaskGroup, registry: Registry, positions: Mapping[str, Position]) -> None:
+        """Observe the sites of a registry that are not switched off, and no others."""
+        self._forget(registry)
+        for site in sorted(_live(registry) - set(self.sites)):
             found = RemoteSite(site, self._connection, positions.get(site), self._add_rows, self.announce)
             self.sites[site] = found
             self._tasks[site] = tasks.create_task(_observe(found))
-        self.registry = registry
 
     async def _follow_folder(self, tasks: asyncio.TaskGroup) -> None:
         """Apply changes of the registry, which the command line and the API write, and use renewed certificates."""
@@ -167,6 +170,7 @@ class Hub:
                 trouble = str(error)
                 continue
             trouble = ""
+            await self._system.retry()
             if registry != self.registry:
                 await self._apply(tasks, registry)
             if newest != tls_changed_at:
@@ -177,9 +181,9 @@ class Hub:
     async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
         before = self.registry.sites
         closed = {account(site) for site, entry in before.items() if _is_closed(registry, site, entry.nkey)}
-        positions = await self._in_thread(self._store.positions)
+        self._forget(registry)  # at once: a server may be slow
         await self._system.reload(closed)
-        self._follow(tasks, registry, positions)
+        self._follow(tasks, registry, await self._in_thread(self._store.positions))
         for site, entry in registry.sites.items():
             if entry.switch is not None and (site not in before or before[site].switch != entry.switch):
                 word = SiteState.OFF.value if entry.switch.is_off else "on"
@@ -195,6 +199,11 @@ async def _observe(remote: RemoteSite) -> None:
         except Exception:  # noqa: BLE001  it is logged
             _log.exception("%s: the hub fails to observe this site, and begins again", remote.id)
         await asyncio.sleep(RETRY_S)
+
+
+def _live(registry: Registry) -> set[str]:
+    """Return the sites that are not switched off."""
+    return {site for site, entry in registry.sites.items() if entry.off is None}
 
 
 def _is_closed(registry: Registry, site: str, nkey: str) -> bool:

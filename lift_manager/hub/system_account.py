@@ -14,8 +14,10 @@ from lift_manager.hub.connection import Connection
 if TYPE_CHECKING:
     from nats.aio.client import Client
 
-REPLY_S = 2.0
-"""How long a server may take to reply about itself and its connections."""
+REPLY_S = 5.0
+"""How long a server may take to reply about itself and its connections. Chosen: it takes milliseconds, and seconds on a computer that is overloaded."""
+WHOLE_S = 20.0
+"""How long one attempt with all servers may take."""
 GATHER_S = 0.5
 """How long to wait for the reply of a further server of a cluster. Chosen: they are in one network, and know of each other."""
 
@@ -28,13 +30,28 @@ class SystemAccount:
     def __init__(self, connect: Callable[[], Connection], servers: int) -> None:
         """`connect` returns a connection of the system account that is not open; there are so many `servers`, as far as is configured."""
         self._connect, self._servers = connect, servers
+        self._is_due = False
+        self._to_close: set[str] = set()
+        """Accounts whose connections are still to be closed."""
 
     async def reload(self, closed: Collection[str]) -> None:
-        """Let every server read its configuration again, and close the connections of these accounts, which it does not do by itself (2.15)."""
+        """Let every server read its configuration again, and close the connections of these accounts, which it does not do by itself (2.15).
+
+        What fails is logged; `retry` tries it again.
+        """
+        self._is_due = True
+        self._to_close |= set(closed)
+        await self.retry()
+
+    async def retry(self) -> None:
+        """Try what has failed again: a site that was switched off must not stay connected because a server was slow for once."""
         from nats.errors import Error  # noqa: PLC0415
 
+        if not self._is_due:
+            return
+        closed = frozenset(self._to_close)
         try:
-            async with asyncio.timeout(2 * REPLY_S), self._opened() as client:
+            async with asyncio.timeout(WHOLE_S), self._opened() as client:
                 for server in await self._every(client, "IDZ"):
                     reply = await _request(client, server["id"], "RELOAD", {})
                     if error := reply.get("error"):
@@ -44,7 +61,10 @@ class SystemAccount:
                     await self._close(client, closed)
         except (Error, OSError, TimeoutError) as error:
             why = str(error) or "no reply in time"
-            _log.error("the NATS servers do not follow the change of sites: %s; they do when they start again", why)
+            _log.error("the NATS servers do not follow the change of sites: %s; it is tried again", why)
+        else:
+            self._is_due = False
+            self._to_close -= closed
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Client]:

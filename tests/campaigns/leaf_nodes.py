@@ -13,7 +13,7 @@ from typing import Any
 from lift_manager.hub.folder import HubFolder, Registry, SiteEntry, leaf_configuration
 from lift_manager.hub.nkey import make_nkey
 from tests.lift_manager.hub.rig import NATS_SERVER
-from tests.support.programs import HANGS_S, free_port
+from tests.support.programs import HANGS_S, eventually, free_port
 
 MOST_BYTES = 10**12
 """Of all streams on a shared server: each may take as much as on a server of its own."""
@@ -66,6 +66,16 @@ class LeafServer:
         with (folder / "log").open("ab") as log:
             command = [NATS_SERVER, "-c", "leaf.conf"]
             self.process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
+        try:
+            # else the next server could be given the same port
+            eventually(self._is_ready)
+        except BaseException:
+            self.end()
+            raise
+
+    def _is_ready(self) -> bool:
+        assert self.process.poll() is None, self.log
+        return "Server is ready" in self.log
 
     @property
     def url(self) -> str:

@@ -272,6 +272,8 @@ class Campaign:
                 await until(hub.states)
             self.tally.note("from the start of the hub to its first reply", f"{time.monotonic() - began:.1f} s")
             groups = await self._groups(added, ports["leaf_port"])
+            for cable in self.cables.values():
+                stack.callback(cable.unplug)
             self.leafs = stack.enter_context(leaf_servers(groups, self.folder / "leafs"))
             self.leaf_of = {
                 site.id: leaf for (sites, _), leaf in zip(groups, self.leafs, strict=True) for site in sites
@@ -421,11 +423,11 @@ class Campaign:
         self.tally.note(f"{count} rows at once", f"{took:.1f} s, {count / took:.0f} a second, writing included")
         self.write_at(self.rate)
 
-    async def kill_hub(self) -> None:
-        """Kill the hub under load, and start it again."""
+    async def kill_hub(self, away_s: float) -> None:
+        """Kill the hub under load, and start it again after a while."""
         hub, reader = self.hubs[0], self.readers[0]
         hub.kill()
-        await asyncio.sleep(5.0)
+        await asyncio.sleep(away_s)
         began, since = time.monotonic(), time.time()
         hub.start()
         replies = await until(hub.states)
@@ -439,7 +441,7 @@ class Campaign:
         await until(is_current)
         took = time.monotonic() - began
         self.tally.note(
-            "a hub that was killed and is started again after 5 s",
+            f"a hub that was killed and is started again after {away_s:g} s",
             f"replies after {replies:.1f} s, all sites online after {online:.1f} s, caught up after {took:.1f} s",
         )
 
@@ -657,7 +659,7 @@ async def _play(tally: Tally, folder: Path, given: argparse.Namespace) -> None:
         for part in given.parts:
             play: dict[str, Callable[[], Awaitable[None]]] = {
                 "burst": lambda: one.burst(20),
-                "kill": one.kill_hub,
+                "kill": lambda: one.kill_hub(given.away_s),
                 "cut": lambda: one.cut(given.cut_s, one.own[1:6]),
                 "command": lambda: one.command_while_cut(one.own[0]),
                 "flood": lambda: one.flood(one.own[-1], FLOOD_S),
@@ -689,6 +691,7 @@ def arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--rate", type=float, default=200.0, help="rows that all sites together write in a second")
     parser.add_argument("--hubs", type=int, default=1, help="2: both on one NATS server that runs by itself")
     parser.add_argument("--cut-s", type=float, default=CUT_S, help="how long some sites are cut off")
+    parser.add_argument("--away-s", type=float, default=5.0, help="how long a hub that was killed is away")
     parser.add_argument("--parts", nargs="*", choices=PARTS, default=PARTS)
     parser.set_defaults(forked=False)
     return parser.parse_args(words)
