@@ -264,7 +264,12 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
             {"service": {"account": of, "subject": subjects.rows(site)}},
             {"service": {"account": of, "subject": subjects.request(site, ">")}},
         ]
-    hub = {"users": [{"user": "hub", "password": registry.password}], "imports": imports}
+    exports = [{"service": subjects.update(site, "*"), "accounts": [f"SITE_{site}"]} for site, _ in live]
+    hub = {
+        "users": [{"user": "hub", "password": registry.password}],
+        "imports": imports,
+        "exports": exports,
+    }
     leafnodes: dict[str, object] = {"listen": f"{settings.leaf_host}:{settings.leaf_port}"}
     if settings.tls is not None:
         leafnodes["tls"] = {
@@ -315,6 +320,7 @@ def _site_account(site: str, entry: SiteEntry) -> dict[str, object]:
             {"service": subjects.rows(site), "accounts": ["HUB"], "response_type": "stream"},
             {"service": subjects.request(site, ">"), "accounts": ["HUB"]},
         ],
+        "imports": [{"service": {"account": "HUB", "subject": subjects.update(site, "*")}}],
     }
 
 

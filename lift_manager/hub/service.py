@@ -10,14 +10,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
+from pydantic import ValidationError
+
 from drivers.thread import Worker
 from lift_manager.hub.connection import CLOSE_WITHIN_S, Connection
-from lift_manager.hub.errors import FolderUnusable
+from lift_manager.hub.errors import FolderUnusable, UpdateRefused
 from lift_manager.hub.folder import HubFolder, Registry
 from lift_manager.hub.messages import Position, RowMessage
 from lift_manager.hub.nats_server import NatsServer
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.rows import RowStore, StoredEvent
+from lift_manager.hub.update.desk import Desk, UpdateFiles
 
 CHECK_EVERY_S = 0.5
 """How often the files of the folder are checked, as those of keys."""
@@ -49,6 +52,7 @@ class Hub:
         self._rows: RowStore | None = None
         self._worker = Worker("lift-manager-hub")
         self._receivers: dict[Receive, None] = {}
+        self._desk = Desk(UpdateFiles(folder.path))
 
     @property
     def is_up(self) -> bool:
@@ -103,11 +107,35 @@ class Hub:
 
     async def announce(self, site: str, word: str, text: str) -> None:
         """Store and pass on an event of the hub itself about a site."""
-        event: dict[str, object] = {"event": "site", "state": word, "text": text}
+        await self._record(site, {"event": "site", "state": word, "text": text})
+
+    async def answer_update(self, site: str, kind: str, data: bytes) -> bytes | None:
+        """Return the reply to a request of a site about configuration updates; None for one without meaning."""
+        now = asyncio.get_running_loop().time()
+        try:
+            if kind == "part":
+                return await self._in_thread(lambda: self._desk.part(site, data))
+            if kind != "offer":
+                return None
+            offer, happened = await self._in_thread(lambda: self._desk.offer(site, data, now))
+        except ValidationError:
+            self.sites[site].unreadable += 1
+            return None
+        except UpdateRefused as error:
+            _log.warning("%s: its request for an update is not answered: %s", site, error)
+            return None
+        for one in happened:
+            _log.info("%s: update %d: %s %s", site, one.number, one.progress, one.text)
+            await self._record(
+                site, {"event": "update", "number": one.number, "progress": one.progress, "text": one.text}
+            )
+        return offer.model_dump_json().encode()
+
+    async def _record(self, site: str, event: dict[str, object]) -> None:
         try:
             stored = await self._in_thread(lambda: self._store.add_event(site, event))
         except sqlite3.Error as error:
-            _log.error("%s: %s cannot be stored: %s", site, word, error)
+            _log.error("%s: %s cannot be stored: %s", site, event["event"], error)
             return
         self._pass_on(site, [stored])
 
@@ -134,7 +162,9 @@ class Hub:
             self._tasks.pop(site).cancel()
             del self.sites[site]
         for site in sorted(live - set(self.sites)):
-            found = RemoteSite(site, self._connection, positions.get(site), self._add_rows, self.announce)
+            found = RemoteSite(
+                site, self._connection, positions.get(site), self._add_rows, self.announce, self.answer_update
+            )
             self.sites[site] = found
             self._tasks[site] = tasks.create_task(_observe(found))
         self.registry = registry
