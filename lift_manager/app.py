@@ -236,7 +236,7 @@ async def run(
         async with asyncio.TaskGroup() as tasks:
             _note_start(parts.recorder, loaded, term)
             polling = tasks.create_task(guarded(life.run()))
-            background = _background_tasks(parts, loaded, faces, tls, adapter)
+            background = _background_tasks(parts, loaded, faces, tls, adapter, stop)
             running = [tasks.create_task(guarded(task)) for task in background]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_READING_S):
@@ -252,7 +252,7 @@ async def run(
             if adapter is not None:
                 # before a door is released: no robot may begin to drive in
                 adapter.go_offline()
-            released = await _end(parts, term)
+            released = await _end(parts, term, faces)
             serving.cancel()
             await _flush_journal(parts.recorder, polling)
             for task in running:
@@ -276,6 +276,7 @@ def _background_tasks(
     faces: Faces,
     tls: ServerCertificates | None,
     adapter: RunningAdapter | None,
+    stop: asyncio.Event,
 ) -> Iterator[Coroutine[None, None, None]]:
     """Yield the background tasks, except for the polls and the web server."""
     recorder = parts.recorder
@@ -293,6 +294,8 @@ def _background_tasks(
         from lift_manager.hub.site_face import SiteFace  # noqa: PLC0415  see TYPE_CHECKING
 
         yield SiteFace(faces.hub, loaded.site.name, parts.site, key_file).run()
+        if faces.hub.updates is not None:
+            yield faces.hub.updates.run(parts.site, recorder.note, stop.set)
 
 
 def _adapter(parts: ManagerParts, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:
@@ -431,7 +434,7 @@ async def _first_of(*events: asyncio.Event) -> None:
             wait.cancel()
 
 
-async def _end(parts: ManagerParts, term: ActiveTerm | None) -> bool:
+async def _end(parts: ManagerParts, term: ActiveTerm | None, faces: Faces) -> bool:
     """Release everything, unless the other machine of a cluster continues with it; returns whether nothing is left to do."""
     if term is not None and term.handed_over_by:
         parts.site.begin_stopping()
@@ -439,6 +442,8 @@ async def _end(parts: ManagerParts, term: ActiveTerm | None) -> bool:
         return True
     released = await (_release_outputs(parts) if term is None else _release_in_term(parts, term))
     parts.recorder.note(manager_ended(released=released, commands=bool(_commandable_lifts(parts.site))))
+    if faces.hub is not None and faces.hub.updates is not None:
+        faces.hub.updates.finish(parts.site, released=released)
     return released
 
 

@@ -24,6 +24,7 @@ RUN_BY = {
     "docs/how-to/commissioning.md": "tests/test_how_to.py",
     "docs/how-to/doctor.md": "tests/test_how_to.py",
     "docs/how-to/hub.md": "tests/lift_manager/hub/test_processes.py",
+    "docs/how-to/update-sites.md": "tests/lift_manager/hub/update/test_processes.py",
     "docs/how-to/keys-and-tls.md": "tests/test_how_to.py, and tests/external/test_stunnel.py for openssl",
     "docs/how-to/open-rmf.md": "tests/test_readme.py",
     "docs/how-to/people-first.md": "tests/test_how_to.py",
@@ -76,7 +77,7 @@ def test_every_page_of_the_documentation_is_in_its_index() -> None:
 WITH_MODULES = [
     *(
         f"lift_manager/{name}"
-        for name in ("client", "config", "hub", "lift", "rides", "rmf", "runtime", "store", "web")
+        for name in ("client", "config", "hub", "hub/update", "lift", "rides", "rmf", "runtime", "store", "web")
     ),
     "drivers",
     "drivers/modbus",

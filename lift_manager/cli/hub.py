@@ -21,6 +21,7 @@ from lift_manager.api.keys import Key
 from lift_manager.api.roles import OF_SOME_LIFTS, Role
 from lift_manager.app import renew_certificates
 from lift_manager.cli.common import fail, out, print_lines, print_stderr
+from lift_manager.cli.hub_update import app as update_app
 from lift_manager.cli.key_file import key_of
 from lift_manager.cli.keys import check_name, current_user, keep_to_owner, key_line
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
@@ -53,6 +54,7 @@ site_app = typer.Typer(no_args_is_help=True, help="Add and remove sites, and swi
 keys_app = typer.Typer(no_args_is_help=True, help="Make, list and revoke the keys of the hub.")
 app.add_typer(site_app, name="site")
 app.add_typer(keys_app, name="keys")
+app.add_typer(update_app, name="update")
 
 Folder = Annotated[
     Path, typer.Option("--folder", metavar="FOLDER", help="The folder of the hub; it is made where it is missing.")

@@ -7,6 +7,7 @@ import gc
 import logging
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING, Annotated, Protocol
 
@@ -28,7 +29,14 @@ from lift_manager.cli.common import (
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
-from lift_manager.cli.serve_checks import allows_requests_without_keys, cautions, obstacles, with_checkouts
+from lift_manager.cli.serve_checks import (
+    allows_requests_without_keys,
+    as_served,
+    cautions,
+    installation_of,
+    obstacles,
+    with_checkouts,
+)
 from lift_manager.cluster.errors import ClusterError
 from lift_manager.config.hub import hub_password
 from lift_manager.config.load import LoadedSite
@@ -44,6 +52,7 @@ from register_maps.errors import MapFileError
 
 if TYPE_CHECKING:
     from lift_manager.hub.site_face import HubSettings
+    from lift_manager.hub.update.follower import Follower
 
 _log = logging.getLogger("lift_manager")
 
@@ -95,7 +104,25 @@ def serve(
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
     raise_file_limit()
-    loaded = load_site_or_exit(site, for_rmf=rmf)
+    serve_site = partial(_serve_site, site, port, rmf=rmf, machine=machine, stopped_early=stopped_early)
+    if (installation := installation_of(site)) is None:
+        serve_site(None)
+        return
+    from lift_manager.cli.serve_updates import serve_installed  # noqa: PLC0415  only a site with updates loads it
+
+    serve_installed(installation, serve_site)
+
+
+def _serve_site(
+    site: Path,
+    port: int | None,
+    updates: Follower | None,
+    *,
+    rmf: bool,
+    machine: str | None,
+    stopped_early: Callable[[], bool],
+) -> None:
+    loaded = as_served(load_site_or_exit(site, for_rmf=rmf))
     if loaded.unusable:
         raise report_mistakes(MapFileError(loaded.unusable))
     for obstacle in obstacles(loaded):
@@ -104,7 +131,7 @@ def serve(
         _log.warning("%s", line)
     loaded = with_checkouts(loaded)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
-    hub = _hub_settings(loaded)
+    hub = _hub_settings(loaded, updates)
     api = loaded.site.api
     run_on = _run(loaded, machine)
     try:
@@ -152,7 +179,7 @@ def _keys(loaded: LoadedSite, sock: socket) -> KeyFile:
     return keys
 
 
-def _hub_settings(loaded: LoadedSite) -> HubSettings | None:
+def _hub_settings(loaded: LoadedSite, updates: Follower | None) -> HubSettings | None:
     """Return how to reach the leaf node of the site, if it belongs to a hub; exit with 2 if something has to be installed first."""
     hub = loaded.site.hub
     if hub is None:
@@ -167,7 +194,7 @@ def _hub_settings(loaded: LoadedSite) -> HubSettings | None:
         print_stderr(str(error))
         raise typer.Exit(2) from error
     password = hub_password(loaded.site, loaded.path.parent)
-    return HubSettings(hub.site, hub.server, password, hub.commands, store_path_of(loaded))
+    return HubSettings(hub.site, hub.server, password, hub.commands, store_path_of(loaded), updates)
 
 
 async def _serve(

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lift_manager.commissioning.checkout.approval import Approval, find_approval
 from lift_manager.config.load import LoadedSite
@@ -20,7 +21,11 @@ from lift_manager.store.site import read_records_of_site
 from lift_manager.web.errors import ListenError
 from lift_manager.web.origin import is_loopback
 from lift_manager.web.server import resolved
-from register_maps.errors import Finding
+from register_maps.errors import Finding, MapFileError
+
+if TYPE_CHECKING:
+    from lift_manager.hub.update.installation import Installation
+    from lift_manager.hub.update.installed import Hold
 
 _OUTPUTS_MAY_BE_ON = "until the manager starts, nothing releases what an earlier one held: outputs may still be on at the lifts, so look at each of them"
 
@@ -28,6 +33,7 @@ _OUTPUTS_MAY_BE_ON = "until the manager starts, nothing releases what an earlier
 def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
     """Yield why this site cannot be served: problems of its certificates, address, store or keys. Changes nothing."""
     yield from loaded.unusable
+    loaded = as_served(loaded)
     site, file = loaded.site, str(loaded.path)
     try:
         place = store_path(site.name, site.state, loaded.path, os.environ)
@@ -59,6 +65,8 @@ def cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield what people should know of a site at every start, a line each."""
     yield from loaded.cautions()
     yield from _hub_caution(loaded)
+    yield from _update_cautions(loaded)
+    loaded = as_served(loaded)
     for lift, approval in _approvals(loaded).items():
         if approval.problem:
             yield f"{lift}: robots may use it, and {approval.problem}; {_test_advice(loaded.path, lift)}"
@@ -77,6 +85,46 @@ def _hub_caution(loaded: LoadedSite) -> Iterator[str]:
         return  # an obstacle, which is reported as such
     if not keys:
         yield "the hub: nobody can command a lift, because a command is signed with a key of this site, and there is none"
+
+
+def installation_of(site_file: Path) -> Installation | None:
+    """Return the folder of updates that a site file is in; None for one that is in none, and loads nothing of them."""
+    if site_file.absolute().parent.name != "current":
+        return None
+    from lift_manager.hub.update.installation import Installation  # noqa: PLC0415
+
+    return Installation.of(site_file)
+
+
+def as_served(loaded: LoadedSite) -> LoadedSite:
+    """Return the site with the lifts only watched that an update has changed, and that nobody has tested since."""
+    if not (held := _held(loaded)):
+        return loaded
+    from lift_manager.hub.update.changes import only_watched  # noqa: PLC0415
+
+    return only_watched(loaded, held)
+
+
+def _held(loaded: LoadedSite) -> Mapping[str, Hold]:
+    """Return the lifts that are only watched because of an update."""
+    if (installation := installation_of(loaded.path)) is None:
+        return {}
+    from lift_manager.hub.errors import UpdateRefused  # noqa: PLC0415
+    from lift_manager.hub.update.changes import still_held  # noqa: PLC0415
+
+    try:
+        held = installation.read().current.held
+    except UpdateRefused as error:
+        raise MapFileError([Finding(str(loaded.path), None, "", str(error))]) from error
+    return still_held(loaded, held)
+
+
+def _update_cautions(loaded: LoadedSite) -> Iterator[str]:
+    for lift, hold in _held(loaded).items():
+        yield f"{lift}: is only watched, whatever the site file says, because {hold.why}; {_test_advice(loaded.path, lift)}"
+    hub = loaded.site.hub
+    if hub is not None and hub.updates and installation_of(loaded.path) is None:
+        yield "the hub: no updates are taken, because this file is in no folder for them; `lift-manager hub update adopt` makes one"
 
 
 def with_checkouts(loaded: LoadedSite) -> LoadedSite:

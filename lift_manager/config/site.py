@@ -42,6 +42,11 @@ FileName = Annotated[
     StringConstraints(min_length=1, max_length=1024, pattern=r"^[^\x00-\x1f\x7f]+$"),
     Field(description="the path of a file, relative to the site file"),
 ]
+OwnFile = Annotated[
+    FileName,
+    StringConstraints(pattern=r"^/"),
+    Field(description="the absolute path of a file of this computer, which no update replaces"),
+]
 HIGHEST_ADDRESS = 65535
 MODBUS_PORT = 502
 SECURE_PORT = 802
@@ -425,6 +430,8 @@ class Hub(_Part):
     """The file with the password for it."""
     commands: Annotated[bool, Field(strict=True)] = False
     """Whether users with a key of this site may command its lifts through the hub."""
+    updates: tuple[OwnFile, ...] = ()
+    """Public keys of the people whose configuration updates this site takes; by default it takes none."""
 
 
 class Machine(_Part):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 from contextlib import suppress
 from importlib import import_module
 from ssl import SSLContext
 from typing import TYPE_CHECKING
 
-from lift_manager.hub.errors import NatsMissing
+from lift_manager.hub.errors import HubSilent, NatsMissing
 
 if TYPE_CHECKING:
     from nats.aio.client import Client
@@ -88,6 +89,31 @@ class Connection:
             tls=self._tls,
         )
         await self._on_connected()
+
+    async def request(self, subject: str, data: bytes, inbox: str, within_s: float) -> bytes:
+        """Send a request, and return its reply, which arrives under `inbox`: a subject that may leave the account of a site.
+
+        Raises HubSilent.
+        """
+        from nats.errors import Error  # noqa: PLC0415
+
+        if not self.is_up:
+            raise HubSilent("there is no connection to the leaf node")
+        try:
+            async with asyncio.timeout(within_s):
+                subscription = await self.client.subscribe(f"{inbox}.{secrets.token_hex(8)}", max_msgs=1)
+                try:
+                    await self.client.publish(subject, data, reply=subscription.subject)
+                    message = await subscription.next_msg(timeout=within_s)
+                finally:
+                    with suppress(Error):
+                        await subscription.unsubscribe()
+        except (Error, TimeoutError) as error:
+            raise_if_cancelled()
+            raise HubSilent(f"the hub did not reply within {within_s:g} s") from error
+        if (message.headers or {}).get("Status"):
+            raise HubSilent("the hub is not connected")
+        return message.data
 
     def warn_of_old_server(self) -> None:
         """Warn of a server from which the hub cannot read rows."""

@@ -5,7 +5,9 @@ HubError
 ├── FolderUnusable  a file of the hub's folder cannot be used
 ├── SiteSilent      a site did not reply in time, or is not connected
 ├── BadReply        a site sent a reply that cannot be read
-└── SiteRefused     a site replied that it does not do what was requested
+├── SiteRefused     a site replied that it does not do what was requested
+├── HubSilent       the hub did not reply to a site, or is not connected
+└── UpdateRefused   a configuration update cannot be made, offered or taken; the message says why and what to do
 """
 
 from __future__ import annotations
@@ -49,3 +51,11 @@ class SiteRefused(HubError):
     def __init__(self, problem: ProblemMessage) -> None:
         super().__init__(problem.message)
         self.problem = problem
+
+
+class HubSilent(HubError):
+    """The hub did not reply to a site."""
+
+
+class UpdateRefused(HubError):
+    """A configuration update cannot be made, offered or taken; the message says why and what to do."""

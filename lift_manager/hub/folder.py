@@ -294,7 +294,12 @@ def _accounts(registry: Registry) -> dict[str, object]:
             {"service": {"account": of, "subject": subjects.rows(site)}},
             {"service": {"account": of, "subject": subjects.request(site, ">")}},
         ]
-    hub = {"users": [{"user": "hub", "password": registry.password}], "imports": imports}
+    exports = [{"service": subjects.update(site, "*"), "accounts": [account(site)]} for site, _ in live]
+    hub = {
+        "users": [{"user": "hub", "password": registry.password}],
+        "imports": imports,
+        "exports": exports,
+    }
     system = {"users": [{"user": "system", "password": registry.password}]}
     return {"accounts": {**accounts, "HUB": hub, SYSTEM: system}, "system_account": SYSTEM}
 
@@ -361,6 +366,7 @@ def _site_account(site: str, entry: SiteEntry) -> dict[str, object]:
             {"service": subjects.rows(site), "accounts": ["HUB"], "response_type": "stream"},
             {"service": subjects.request(site, ">"), "accounts": ["HUB"]},
         ],
+        "imports": [{"service": {"account": "HUB", "subject": subjects.update(site, "*")}}],
     }
 
 

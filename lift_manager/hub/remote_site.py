@@ -7,6 +7,7 @@ import json
 import logging
 import sqlite3
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum, unique
 from typing import TYPE_CHECKING, TypeVar
@@ -58,6 +59,8 @@ Reply = TypeVar("Reply", bound=BaseModel)
 AddRows = Callable[[str, Sequence[RowMessage], Position], Awaitable[None]]
 Announce = Callable[[str, str, str], Awaitable[None]]
 """Takes a site, a word and a text."""
+AnswerUpdate = Callable[[str, str, bytes], Awaitable[bytes | None]]
+"""Takes a site, the kind of its request about updates, and the request; returns the reply, None for none."""
 
 _log = logging.getLogger(__name__)
 
@@ -96,9 +99,16 @@ class RemoteSite:
     """One site. It observes while `run` runs."""
 
     def __init__(
-        self, site: str, connection: Connection, position: Position | None, add_rows: AddRows, announce: Announce
+        self,
+        site: str,
+        connection: Connection,
+        position: Position | None,
+        add_rows: AddRows,
+        announce: Announce,
+        answer_update: AnswerUpdate,
     ) -> None:
         """`position` is that of the newest row that the hub has."""
+        self._answer_update = answer_update
         self.id = site
         self._connection, self._add_rows, self._announce = connection, add_rows, announce
         self.position = position
@@ -133,13 +143,15 @@ class RemoteSite:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._read_rows())
             while True:
-                subscription = await self._subscribe()
+                news = await self._subscribe(subjects.news(self.id), self._receive)
+                updates = await self._subscribe(subjects.update(self.id, "*"), self._receive_update)
                 try:
                     while not self._flooded:
                         await asyncio.sleep(FLOOD_S / 10)
                         await self._judge(started_at)
                 finally:
-                    await self._unsubscribe(subscription)
+                    await self._unsubscribe(news)
+                    await self._unsubscribe(updates)
                 text = f"more than {MOST_NEWS} messages within {FLOOD_S:g} s; it is not listened to for {MUTED_S:g} s"
                 await self._turn(SiteState.FLOODING, text)
                 await asyncio.sleep(MUTED_S)
@@ -189,14 +201,12 @@ class RemoteSite:
             self.unreadable += 1
             raise BadReply(f"{self.id} sent a reply that cannot be read") from error
 
-    async def _subscribe(self) -> Subscription:
+    async def _subscribe(self, subject: str, receive: Callable[[Msg], Awaitable[None]]) -> Subscription:
         from nats.errors import Error  # noqa: PLC0415
 
         while True:
             try:
-                return await self._connection.client.subscribe(
-                    subjects.news(self.id), cb=self._receive, pending_msgs_limit=MOST_NEWS
-                )
+                return await self._connection.client.subscribe(subject, cb=receive, pending_msgs_limit=MOST_NEWS)
             except Error as error:
                 _log.warning("%s: cannot be subscribed to: %s", self.id, error)
                 await asyncio.sleep(1.0)
@@ -220,6 +230,19 @@ class RemoteSite:
             self.unreadable += 1
             return
         self._changed.set()
+
+    async def _receive_update(self, message: Msg) -> None:
+        """Reply to a request about configuration updates; they count against the same limit as news."""
+        from nats.errors import Error  # noqa: PLC0415
+
+        if not self._limiter.admits(_now()):
+            self._flooded = True
+            return
+        kind = message.subject.rpartition(".")[2]
+        reply = await self._answer_update(self.id, kind, message.data)
+        if reply is not None:
+            with suppress(Error):  # the connection is gone, and the site asks again
+                await message.respond(reply)
 
     async def _judge(self, started_at: float) -> None:
         """Turn online or offline."""

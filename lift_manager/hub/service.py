@@ -11,15 +11,18 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
+from pydantic import ValidationError
+
 from drivers.thread import Worker
 from lift_manager.hub.connection import CLOSE_WITHIN_S, Connection
-from lift_manager.hub.errors import FolderUnusable
+from lift_manager.hub.errors import FolderUnusable, UpdateRefused
 from lift_manager.hub.folder import HubFolder, Registry, account
 from lift_manager.hub.messages import Position, RowMessage
 from lift_manager.hub.nats_server import NatsServer
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.rows import RowStore, StoredEvent
 from lift_manager.hub.system_account import SystemAccount
+from lift_manager.hub.update.desk import Desk, UpdateFiles
 
 CHECK_EVERY_S = 0.5
 """How often the files of the folder are checked, as those of keys."""
@@ -54,6 +57,7 @@ class Hub:
         self._rows: RowStore | None = None
         self._worker = Worker("lift-manager-hub")
         self._receivers: dict[Receive, None] = {}
+        self._desk = Desk(UpdateFiles(folder.path))
 
     @property
     def is_up(self) -> bool:
@@ -110,11 +114,35 @@ class Hub:
 
     async def announce(self, site: str, word: str, text: str) -> None:
         """Store and pass on an event of the hub itself about a site."""
-        event: dict[str, object] = {"event": "site", "state": word, "text": text}
+        await self._record(site, {"event": "site", "state": word, "text": text})
+
+    async def answer_update(self, site: str, kind: str, data: bytes) -> bytes | None:
+        """Return the reply to a request of a site about configuration updates; None for one without meaning."""
+        now = asyncio.get_running_loop().time()
+        try:
+            if kind == "part":
+                return await self._in_thread(lambda: self._desk.part(site, data))
+            if kind != "offer":
+                return None
+            offer, happened = await self._in_thread(lambda: self._desk.offer(site, data, now))
+        except ValidationError:
+            self.sites[site].unreadable += 1
+            return None
+        except UpdateRefused as error:
+            _log.warning("%s: its request for an update is not answered: %s", site, error)
+            return None
+        for one in happened:
+            _log.info("%s: update %d: %s %s", site, one.number, one.progress, one.text)
+            await self._record(
+                site, {"event": "update", "number": one.number, "progress": one.progress, "text": one.text}
+            )
+        return offer.model_dump_json().encode()
+
+    async def _record(self, site: str, event: dict[str, object]) -> None:
         try:
             await self._add(site, lambda: [self._store.add_event(site, event)])
         except sqlite3.Error as error:
-            _log.error("%s: %s cannot be stored: %s", site, word, error)
+            _log.error("%s: %s cannot be stored: %s", site, event["event"], error)
 
     @property
     def _store(self) -> RowStore:
@@ -151,7 +179,9 @@ class Hub:
         """Observe the sites of a registry that are not switched off, and no others."""
         self._forget(registry)
         for site in sorted(_live(registry) - set(self.sites)):
-            found = RemoteSite(site, self._connection, positions.get(site), self._add_rows, self.announce)
+            found = RemoteSite(
+                site, self._connection, positions.get(site), self._add_rows, self.announce, self.answer_update
+            )
             self.sites[site] = found
             self._tasks[site] = tasks.create_task(_observe(found))
 

@@ -36,6 +36,7 @@ from lift_manager.hub.messages import (
 )
 from lift_manager.hub.outbox import Outbox
 from lift_manager.hub.rate_limiter import RateLimiter
+from lift_manager.hub.update.follower import Follower
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.state import Quality
 from lift_manager.plain.version import running_version
@@ -53,6 +54,8 @@ MOST_REQUESTS = 50
 """Requests of a kind that are carried out within a second. Chosen: more than people send, and a hundredth of a core."""
 MOST_WAITING = 64
 """Requests of a kind that wait; more are dropped before they are read."""
+HUB_REPLY_S = 10.0
+"""How long the hub may take to reply with a part of an update. Chosen: 256 KB over a modem."""
 RETRY_S = 2.0
 """How long to wait after a failure."""
 
@@ -75,6 +78,8 @@ class HubSettings:
     """Whether the site takes commands from the hub."""
     journal: Path
     """The store of the site."""
+    updates: Follower | None = None
+    """Takes configuration updates; None if the site takes none."""
 
 
 class SiteFace:
@@ -117,6 +122,8 @@ class SiteFace:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(outbox.run())
                 tasks.create_task(self._report_news(outbox))
+                if self._settings.updates is not None:
+                    tasks.create_task(self._settings.updates.request_updates(self._request_of_hub))
         finally:
             await self._connection.close()
 
@@ -156,6 +163,11 @@ class SiteFace:
 
         with suppress(Error):
             await self._connection.client.publish(subject, text.encode(), headers=headers)
+
+    async def _request_of_hub(self, kind: str, data: bytes) -> bytes:
+        """Send a request about updates. Raises HubSilent."""
+        site = self._settings.site
+        return await self._connection.request(subjects.update(site, kind), data, subjects.inbox(site), HUB_REPLY_S)
 
     async def _lifts(self, data: bytes) -> RemoteLifts:
         request = LiftsRequest.model_validate_json(data)

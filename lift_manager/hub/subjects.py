@@ -37,3 +37,13 @@ def news(site: str) -> str:
 def request(site: str, kind: str) -> str:
     """Return where the hub sends a request of a kind to the manager; `>` for all kinds."""
     return f"{prefix(site)}.request.{kind}"
+
+
+def update(site: str, kind: str) -> str:
+    """Return where a site sends a request about configuration updates of a kind to the hub; `*` for all kinds."""
+    return f"{prefix(site)}.update.{kind}"
+
+
+def inbox(site: str) -> str:
+    """Return under which subject the replies to them arrive."""
+    return f"{prefix(site)}.inbox"

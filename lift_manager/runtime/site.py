@@ -38,6 +38,7 @@ from lift_manager.lift.inputs import (
     Unrestrict,
 )
 from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.quiet import under_way
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.refusals import Accepted, Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
@@ -130,6 +131,12 @@ class Site:
     def durable(self, lift: str) -> DurableRecord:
         """Return what of a lift outlives the manager: decisions of people, and what they have to see to."""
         return self._lift(lift).record.durable
+
+    def under_way(self, lift: str) -> str:
+        """Return what is under way on a lift, for people; empty if there is nothing. Rides are in `rides`."""
+        actor = self._lift(lift)
+        actor.catch_up()
+        return under_way(actor.config, actor.record, actor.moment)
 
     async def recorded(self, lift: str, within_s: float = RECORDED_WITHIN_S) -> bool:
         """Wait until the newest record of a lift is on the disk; False where that took longer."""

@@ -21,6 +21,7 @@ from lift_manager.hub.remote_site import SiteState
 from lift_manager.hub.rows import StoredEvent
 from lift_manager.hub.service import Hub
 from lift_manager.hub.site_face import HubSettings, SiteFace
+from lift_manager.hub.update.follower import Follower
 from lift_manager.hub.web import make_hub_app
 from tests.lift_manager.web.fake import FakeSite
 from tests.support.journal import Journal
@@ -123,10 +124,15 @@ class Rig:
 
     @asynccontextmanager
     async def manager(
-        self, site: str, lifts: FakeSite, journal: Journal, keys: KeyRing | None = None
+        self,
+        site: str,
+        lifts: FakeSite,
+        journal: Journal,
+        keys: KeyRing | None = None,
+        updates: Follower | None = None,
     ) -> AsyncIterator[None]:
         """Run what takes part in the hub, of a manager; with `keys` the site takes commands."""
-        settings = HubSettings(site, self._url(site), self._password(site), keys is not None, journal.path)
+        settings = HubSettings(site, self._url(site), self._password(site), keys is not None, journal.path, updates)
         task = asyncio.create_task(SiteFace(settings, f"The {site}", lifts, keys).run())
         try:
             yield
@@ -149,6 +155,10 @@ class Rig:
             yield client
         finally:
             await client.close()
+
+    def access(self, site: str) -> tuple[str, str]:
+        """Return address and password of the leaf node of a site, for its manager."""
+        return self._url(site), self._password(site)
 
     def _url(self, site: str) -> str:
         return f"nats://127.0.0.1:{self._site_ports[site]}"

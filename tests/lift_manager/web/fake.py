@@ -88,6 +88,8 @@ class FakeSite(Site):
         self.rides = self.fake_rides = FakeRides(self.lift_names, refuses)
         self.stopping = stopping
         self._able, self._signals, self._refuses, self._unwritten = able, signals, refuses, unwritten
+        self.busy: dict[str, str] = {}
+        """What is under way, by lift."""
         self.requests: list[Requested] = []
         self.ends: list[tuple[str, Holder, float]] = []
         self.decisions: list[tuple[str, ...]] = []
@@ -124,6 +126,9 @@ class FakeSite(Site):
 
     def lasting_state(self, lift: str) -> LiftState:
         return self.state(lift)
+
+    def under_way(self, lift: str) -> str:
+        return self.busy.get(lift, "")
 
     def age_s(self, lift: str) -> float | None:
         return self.state(lift).age_s
