@@ -46,21 +46,31 @@ def replace_file(path: Path, data: bytes) -> None:
     """Replace the content of a file durably, or not at all. Raises OSError."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.name}.new")
-    with open(make_own(temporary), "wb") as file:
+    write_own(temporary, data)
+    put_in_place(temporary, path)
+
+
+def write_own(path: Path, data: bytes) -> None:
+    """Make a file of this user alone, with its content on the disk, but not yet its name. Raises OSError."""
+    with open(make_own(path), "wb") as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
-    put_in_place(temporary, path)
 
 
 def put_in_place(temporary: Path, path: Path) -> None:
     """Rename a temporary file to its final name, and flush the name to the disk. Raises OSError."""
     temporary.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
+    flush_names(path.parent)
+
+
+def flush_names(folder: Path) -> None:
+    """Flush the names in a folder to the disk. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(folder)
+        os.fsync(descriptor)
     finally:
-        os.close(folder)
+        os.close(descriptor)
 
 
 def _open(path: Path, flags: int) -> int:

@@ -68,9 +68,9 @@ def _fail(future: Future[Result], error: BaseException) -> None:
         future.set_exception(error)
 
 
-async def in_thread(work: Callable[[], None]) -> None:
-    """Run one job in a thread of its own and wait for it. Raises what the job and `Worker.submit` raise."""
+async def in_thread(work: Callable[[], Result]) -> Result:
+    """Run one job in a thread of its own and return its result. Raises what the job and `Worker.submit` raise."""
     worker = Worker("lift-manager-files")
     future = worker.submit(work)
     worker.stop()
-    await future
+    return await future

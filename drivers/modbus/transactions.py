@@ -69,6 +69,7 @@ class Transactions:
     answer or the time-out, so that no later request gets a late answer.
     """
 
+    # one for each connection: a table of attributes, and an empty set, would take as much memory as all the rest of it
     __slots__ = (
         "_busy_pause",
         "_commands",

@@ -21,7 +21,7 @@ from lift_manager.cli.common import (
     store_path_of,
 )
 from lift_manager.cli.serve_checks import obstacles
-from lift_manager.hub.errors import HubError, UpdateRefused
+from lift_manager.hub.errors import HubError, UpdateRefused, file_errors
 from lift_manager.hub.folder import HubFolder
 from lift_manager.hub.update.changes import misplaced_files
 from lift_manager.hub.update.collect import collect
@@ -221,10 +221,8 @@ def stage(place: Annotated[Path, typer.Argument(metavar="FOLDER")]) -> None:
         os.nice(10)
     installation = Installation(place)
     with _reporting():
-        try:
+        with file_errors(installation.incoming, "read"):
             package = installation.incoming.read_bytes()
-        except OSError as error:
-            raise UpdateRefused(f"{installation.incoming} cannot be read ({error.strerror or error})") from error
         staged = stage_package(package, installation, obstacles)
     out.print(staged.model_dump_json(), markup=False, highlight=False, soft_wrap=True)
 

@@ -65,9 +65,9 @@ def cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield what people should know of a site at every start, a line each."""
     yield from loaded.cautions()
     yield from _hub_caution(loaded)
-    yield from _update_cautions(loaded)
-    loaded = as_served(loaded)
-    for lift, approval in _approvals(loaded).items():
+    held = _held(loaded)
+    yield from _update_cautions(loaded, held)
+    for lift, approval in _approvals(_with_held(loaded, held)).items():
         if approval.problem:
             yield f"{lift}: robots may use it, and {approval.problem}; {_test_advice(loaded.path, lift)}"
         yield from (f"{lift}: {caution}" for caution in approval.cautions)
@@ -98,7 +98,12 @@ def installation_of(site_file: Path) -> Installation | None:
 
 def as_served(loaded: LoadedSite) -> LoadedSite:
     """Return the site with the lifts only watched that an update has changed, and that nobody has tested since."""
-    if not (held := _held(loaded)):
+    return _with_held(loaded, _held(loaded))
+
+
+def _with_held(loaded: LoadedSite, held: Mapping[str, Hold]) -> LoadedSite:
+    """Return the site with these lifts only watched."""
+    if not held:
         return loaded
     from lift_manager.hub.update.changes import only_watched  # noqa: PLC0415
 
@@ -119,8 +124,8 @@ def _held(loaded: LoadedSite) -> Mapping[str, Hold]:
     return still_held(loaded, held)
 
 
-def _update_cautions(loaded: LoadedSite) -> Iterator[str]:
-    for lift, hold in _held(loaded).items():
+def _update_cautions(loaded: LoadedSite, held: Mapping[str, Hold]) -> Iterator[str]:
+    for lift, hold in held.items():
         yield f"{lift}: is only watched, whatever the site file says, because {hold.why}; {_test_advice(loaded.path, lift)}"
     hub = loaded.site.hub
     if hub is not None and hub.updates and installation_of(loaded.path) is None:

@@ -10,7 +10,7 @@ from functools import partial
 
 import typer
 
-from drivers.thread import Worker
+from drivers.thread import in_thread
 from lift_manager.cli.common import fail
 from lift_manager.hub.errors import UpdateRefused
 from lift_manager.hub.update.follower import Follower
@@ -59,10 +59,7 @@ def _begin(installation: Installation) -> Installed:
 
 async def _stage(installation: Installation) -> Version:
     """Check the package that has arrived in a process of its own: it takes seconds, which the lifts would miss."""
-    worker = Worker("lift-manager-update")
-    checked = worker.submit(lambda: _run_stage(installation))
-    worker.stop()
-    return await checked
+    return await in_thread(lambda: _run_stage(installation))
 
 
 def _run_stage(installation: Installation) -> Version:

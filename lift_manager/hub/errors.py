@@ -12,6 +12,10 @@ HubError
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 from lift_manager.hub.messages import ProblemMessage
 
 
@@ -59,3 +63,12 @@ class HubSilent(HubError):
 
 class UpdateRefused(HubError):
     """A configuration update cannot be made, offered or taken; the message says why and what to do."""
+
+
+@contextmanager
+def file_errors(path: Path, done: str) -> Iterator[None]:
+    """Raise UpdateRefused where a file cannot be `done`, such as `read`."""
+    try:
+        yield
+    except OSError as error:
+        raise UpdateRefused(f"{path} cannot be {done} ({error.strerror or error})") from error

@@ -32,6 +32,7 @@ from lift_manager.config.site import HUB_SITE_ID, Host, Port
 from lift_manager.hub import subjects
 from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.nkey import Nkey, make_nkey
+from lift_manager.plain.text import first_mistake
 
 SiteId = Annotated[str, StringConstraints(pattern=HUB_SITE_ID)]
 ServerUrl = Annotated[str, StringConstraints(pattern=r"^(nats|tls)://[^/@\s]+:[0-9]{1,5}$")]
@@ -174,7 +175,7 @@ class HubFolder:
         try:
             return HubSettings.model_validate({} if found is None else found)
         except ValidationError as error:
-            raise FolderUnusable(f"{file}: {_first_mistake(error)}") from error
+            raise FolderUnusable(f"{file}: {first_mistake(error)}") from error
 
     def tls_changed_at(self) -> tuple[int, ...]:
         """Return what changes with the TLS files of the NATS server."""
@@ -209,7 +210,7 @@ class HubFolder:
         try:
             return Registry.model_validate_json(data)
         except ValidationError as error:
-            raise FolderUnusable(f"{self.registry_file}: {_first_mistake(error)}; restore a copy of it") from None
+            raise FolderUnusable(f"{self.registry_file}: {first_mistake(error)}; restore a copy of it") from None
 
     def write(self, registry: Registry) -> None:
         """Write the registry, and what follows from it for the NATS servers."""
@@ -271,11 +272,6 @@ class HubFolder:
         if site not in sites:
             raise FolderUnusable(f"there is no site {site!r}; the sites are {', '.join(sites) or 'none'}")
         return sites[site]
-
-
-def _first_mistake(error: ValidationError) -> str:
-    found = error.errors(include_url=False, include_input=False)[0]
-    return f"{'.'.join(str(part) for part in found['loc'])}: {found['msg']}"
 
 
 def _accounts(registry: Registry) -> dict[str, object]:

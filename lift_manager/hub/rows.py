@@ -25,7 +25,6 @@ PAGE = 500
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS hub (id TEXT NOT NULL);
-INSERT INTO hub SELECT lower(hex(randomblob(4))) WHERE NOT EXISTS (SELECT 1 FROM hub);
 CREATE TABLE IF NOT EXISTS events (
     id INTEGER PRIMARY KEY AUTOINCREMENT, site TEXT NOT NULL, name TEXT NOT NULL, event TEXT NOT NULL
 );
@@ -41,7 +40,7 @@ class StoredEvent(NamedTuple):
 
     number: int
     name: str
-    """`row`, `gap` or `site`."""
+    """`row`, `gap`, `site` or `update`."""
     text: str
     """JSON."""
 
@@ -56,10 +55,17 @@ class RowStore:
         self._connection.execute("PRAGMA journal_mode = WAL").fetchone()
         self._connection.execute("PRAGMA synchronous = NORMAL")
         self._connection.executescript(_SCHEMA)
-        self.id = str(self._connection.execute("SELECT id FROM hub").fetchone()[0])
+        self.id = self._own_id()
         """Of this database: the numbers of events mean nothing in another one, be it of another hub or of this one after a loss."""
         self._bytes: dict[str, int] = {}
         """Of the events of each site that has sent any."""
+
+    def _own_id(self) -> str:
+        # only the first one writes: an INSERT that adds nothing locks the database all the same, and each reader of events opens it
+        read = "SELECT id FROM hub"
+        if self._connection.execute(read).fetchone() is None:
+            self._connection.execute(f"INSERT INTO hub SELECT lower(hex(randomblob(4))) WHERE NOT EXISTS ({read})")
+        return str(self._connection.execute(read).fetchone()[0])
 
     def close(self) -> None:
         """Close the file."""

@@ -36,7 +36,6 @@ from lift_manager.hub.messages import (
 )
 from lift_manager.hub.outbox import Outbox
 from lift_manager.hub.rate_limiter import RateLimiter
-from lift_manager.hub.update.follower import Follower
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.state import Quality
 from lift_manager.plain.version import running_version
@@ -46,6 +45,8 @@ from lift_manager.web.error_codes import CODES
 
 if TYPE_CHECKING:
     from nats.aio.msg import Msg
+
+    from lift_manager.hub.update.follower import Follower
 
 NEWS_GAP_S = 0.1
 """The shortest time between two reports, however many rows there are. Chosen: the hub reads them all at once."""

@@ -360,7 +360,7 @@ async def events(
         Text, Header(alias="Last-Event-ID", description="The newest event that was received.")
     ] = None,
 ) -> Response:
-    """Server-sent events: `row` of a journal, `gap` in one, `site` for what the hub notices; `lost` for a reader that was too slow."""
+    """Server-sent events: `row` of a journal, `gap` in one, `site` and `update` for what the hub notices; `lost` where it is unknown what was missed."""
     require_once(request, "site", "last_event_id")
     if site is not None:
         _require_site(_hub_of(request), site)

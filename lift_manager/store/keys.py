@@ -21,6 +21,7 @@ from drivers.thread import in_thread
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.api.roles import Role
 from lift_manager.lift.journal import Row, RowKind
+from lift_manager.plain.text import first_mistake
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.place import SHARED_FOLDER, unshare_advice
 
@@ -133,12 +134,10 @@ def read_keys(path: Path, site: str) -> KeysForm:
             )
         return KeysForm.model_validate_json(data)
     except ValidationError as error:
-        found = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(part) for part in found["loc"])
         advice = "restore a copy of it, or move it away and make new keys"
         # not `from error`: its text quotes what it read
         raise _unusable(
-            path, f"is not a key file of a lift manager, or is damaged ({where}: {found['msg']})", advice
+            path, f"is not a key file of a lift manager, or is damaged ({first_mistake(error)})", advice
         ) from None
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from secrets import token_urlsafe
 from typing import Any
 
-from lift_manager.hub.folder import HubFolder, Registry, SiteEntry, leaf_configuration
+from lift_manager.hub.folder import HubFolder, Registry, SiteEntry, account, leaf_configuration
 from lift_manager.hub.nkey import make_nkey
 from tests.lift_manager.hub.rig import NATS_SERVER
 from tests.support.programs import HANGS_S, eventually, free_port
@@ -50,10 +50,10 @@ class LeafServer:
         self.port, self.folder = free_port(), folder
         accounts, remotes = {}, []
         for site in sites:
-            (account,) = site.configuration["accounts"].values()
-            accounts[f"SITE_{site.id}"] = {**account, "users": [{"user": site.id, "password": site.password}]}
+            (settings,) = site.configuration["accounts"].values()
+            accounts[account(site.id)] = {**settings, "users": [{"user": site.id, "password": site.password}]}
             (remote,) = site.configuration["leafnodes"]["remotes"]
-            remotes.append({**remote, "urls": [f"nats-leaf://127.0.0.1:{hub_port}"], "account": f"SITE_{site.id}"})
+            remotes.append({**remote, "urls": [f"nats-leaf://127.0.0.1:{hub_port}"], "account": account(site.id)})
         first = sites[0].configuration
         whole = {
             **first,

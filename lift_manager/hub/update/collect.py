@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lift_manager.api.keys import holds_key
 from lift_manager.config.load import LoadedSite
-from lift_manager.hub.errors import UpdateRefused
+from lift_manager.hub.errors import UpdateRefused, file_errors
 from lift_manager.hub.update.package import SITE_FILE
 from register_maps.load import MAPS
 
@@ -33,10 +33,8 @@ def collect(loaded: LoadedSite, more: Iterable[Path]) -> dict[str, bytes]:
 
 
 def _content(path: Path) -> bytes:
-    try:
+    with file_errors(path, "read"):
         data = path.read_bytes()
-    except OSError as error:
-        raise UpdateRefused(f"{path} cannot be read ({error.strerror or error})") from error
     if b"PRIVATE KEY-----" in data or holds_key(data.decode("utf-8", "ignore")):
         raise UpdateRefused(
             f"{path} holds a key, and an update never holds a secret: everybody who has the hub can read it"

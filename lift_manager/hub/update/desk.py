@@ -10,14 +10,15 @@ from __future__ import annotations
 import hashlib
 import secrets
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
 
 from drivers.own_files import read_own, replace_file
-from lift_manager.hub.errors import UpdateRefused
+from lift_manager.hub.errors import UpdateRefused, file_errors
 from lift_manager.hub.update.messages import PART_BYTES, Offer, PartRequest, Report
 from lift_manager.hub.update.package import ENDING, read_package
 from lift_manager.hub.update.rollout import (
@@ -167,26 +168,19 @@ class UpdateFiles:
 
     @staticmethod
     def _package(path: Path) -> bytes:
-        try:
+        with file_errors(path, "read"):
             return path.read_bytes()
-        except OSError as error:
-            raise UpdateRefused(f"{path} cannot be read ({error.strerror or error})") from error
 
     @staticmethod
     def _read(path: Path) -> bytes | None:
-        try:
+        with file_errors(path, "read"), suppress(FileNotFoundError):
             return read_own(path)[0]
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise UpdateRefused(f"{path} cannot be read ({error.strerror or error})") from error
+        return None
 
     @staticmethod
     def _write(path: Path, data: bytes) -> None:
-        try:
+        with file_errors(path, "written"):
             replace_file(path, data)
-        except OSError as error:
-            raise UpdateRefused(f"{path} cannot be written ({error.strerror or error})") from error
 
 
 class Desk:
@@ -213,7 +207,7 @@ class Desk:
                 Happened(site, rollout.number, "stopped", f"the roll-out is offered to no further site: {why}")
             )
         offers = is_offered(rollout, self._sites, site, now)
-        self._sites[site] = known = SiteStatus(known.report, known.at, known.healthy_since, offered=offers)
+        self._sites[site] = known = replace(known, offered=offers)
         word = progress(rollout, known)
         if word is not was:
             happened.insert(0, Happened(site, rollout.number, word.value, _text(report)))

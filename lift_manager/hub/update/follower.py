@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from drivers.own_files import replace_file
 from drivers.thread import in_thread
-from lift_manager.hub.errors import HubSilent, UpdateRefused
+from lift_manager.hub.errors import HubSilent, UpdateRefused, file_errors
 from lift_manager.hub.update.installation import Installation
 from lift_manager.hub.update.installed import Installed, Version, apply, prove, roll_back, without_notes
 from lift_manager.hub.update.messages import PART_BYTES, REQUEST_EVERY_S, Failure, Offer, PartRequest, Phase, Report
@@ -193,12 +193,8 @@ class Follower:
             package += part
         if hashlib.sha256(package).hexdigest() != offer.sha256:
             raise HubSilent("the update that arrived is not the one that was offered")
-        try:
+        with file_errors(self._installation.incoming, "written"):
             await self._run_blocking(lambda: replace_file(self._installation.incoming, bytes(package)))
-        except OSError as error:
-            raise UpdateRefused(
-                f"{self._installation.incoming} cannot be written ({error.strerror or error})"
-            ) from error
 
     def _refuse(self, number: int, rollout: str, why: str) -> None:
         self._refused = Failure(number=number, rollout=rollout, what="refused", why=why[:1000])

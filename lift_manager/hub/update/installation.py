@@ -21,8 +21,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from drivers.own_files import is_shared, make_own, open_own, put_in_place, read_own, replace_file
-from lift_manager.hub.errors import UpdateRefused
+from drivers.own_files import flush_names, is_shared, open_own, put_in_place, read_own, replace_file, write_own
+from lift_manager.hub.errors import UpdateRefused, file_errors
 from lift_manager.hub.update.installed import Installed, Version
 from lift_manager.hub.update.package import SITE_FILE
 
@@ -49,10 +49,8 @@ class Installation:
     @contextmanager
     def claimed(self) -> Iterator[None]:
         """Keep every other manager, and commands that change what is installed, out of the folder for as long as the context lasts."""
-        try:
+        with file_errors(self.folder, "written"):
             lock = open_own(self.folder / LOCK)
-        except OSError as error:
-            raise UpdateRefused(f"{self.folder} cannot be written ({error.strerror or error})") from error
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield
@@ -85,17 +83,15 @@ class Installation:
 
     def writing(self, installed: Installed) -> Iterator[None]:
         """Do the same step by step; each leaves the disk as it is after a crash at this point."""
-        try:
+        with file_errors(self.folder, "written"):
             replace_file(self.folder / INSTALLED, installed.model_dump_json(indent=1).encode() + b"\n")
-        except OSError as error:
-            raise UpdateRefused(f"{self.folder} cannot be written ({error.strerror or error})") from error
         yield
         yield from self.settling(installed)
 
     def settling(self, installed: Installed) -> Iterator[None]:
         """Let the link follow what is installed, and remove what nobody needs any more, step by step."""
         link, target = self.folder / CURRENT, str(installed.current.number)
-        try:
+        with file_errors(self.folder, "written"):
             if not link.is_symlink() or str(link.readlink()) != target:
                 temporary = self.folder / f"{CURRENT}.new"
                 temporary.unlink(missing_ok=True)
@@ -109,27 +105,20 @@ class Installation:
                     shutil.rmtree(other)
                     yield
             self.incoming.unlink(missing_ok=True)
-        except OSError as error:
-            raise UpdateRefused(f"{self.folder} cannot be written ({error.strerror or error})") from error
 
     def unpack(self, files: Mapping[str, bytes]) -> Path:
         """Write the files of an update where it is checked, on the disk for good; returns the folder."""
         staged = self.folder / STAGED
-        try:
+        with file_errors(staged, "written"):
             shutil.rmtree(staged, ignore_errors=True)
             folders = {staged}
             for name, content in files.items():
                 path = staged / name
                 path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
                 folders |= {folder for folder in path.parents if folder.is_relative_to(staged)}
-                with os.fdopen(make_own(path), "wb") as file:
-                    file.write(content)
-                    file.flush()
-                    os.fsync(file.fileno())
+                write_own(path, content)
             for folder in folders:
-                _flush(folder)
-        except OSError as error:
-            raise UpdateRefused(f"{staged} cannot be written ({error.strerror or error})") from error
+                flush_names(folder)
         return staged
 
     def keep(self, staged: Version, installed: Installed) -> None:
@@ -142,22 +131,17 @@ class Installation:
         """Make the installation, with the configuration that a person has written."""
         if (self.folder / INSTALLED).exists():
             raise UpdateRefused(f"{self.folder} is an installation already; serve {self.site_file}")
-        try:
+        with file_errors(self.folder, "made"):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        except OSError as error:
-            raise UpdateRefused(f"{self.folder} cannot be made ({error.strerror or error})") from error
         first = Installed()
         self.unpack(files)
         self._place(first.current.number)
         self.write(first)
 
     def _place(self, number: int) -> None:
-        try:
+        with file_errors(self.folder, "written"):
             shutil.rmtree(self.folder / str(number), ignore_errors=True)
-            (self.folder / STAGED).rename(self.folder / str(number))
-            _flush(self.folder)
-        except OSError as error:
-            raise UpdateRefused(f"{self.folder} cannot be written ({error.strerror or error})") from error
+            put_in_place(self.folder / STAGED, self.folder / str(number))
 
     def drop_staged(self) -> None:
         """Remove an update that is not kept."""
@@ -169,11 +153,3 @@ class Installation:
 def _configurations(folder: Path) -> list[Path]:
     found = (path for path in folder.iterdir() if path.is_dir() and not path.is_symlink())
     return [path for path in found if path.name.isdigit() or path.name == STAGED]
-
-
-def _flush(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

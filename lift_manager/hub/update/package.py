@@ -32,7 +32,8 @@ from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
 
 from drivers.own_files import make_own
 from lift_manager.config.site import HUB_SITE_ID
-from lift_manager.hub.errors import UpdateRefused
+from lift_manager.hub.errors import UpdateRefused, file_errors
+from lift_manager.plain.text import first_mistake
 
 LARGEST = 8 * 1024 * 1024
 """Bytes of a package. Chosen: a hundred maps, or some minutes of announcements; a leaf node behind a modem takes it in minutes."""
@@ -81,7 +82,7 @@ class Content(BaseModel):
         try:
             return cls(site=site, number=number, made_by=made_by, made_at=made_at, files=texts)
         except ValidationError as error:
-            raise UpdateRefused(f"the update for {site} cannot be made: {_first_mistake(error)}") from error
+            raise UpdateRefused(f"the update for {site} cannot be made: {first_mistake(error)}") from error
 
     def unpacked(self) -> dict[str, bytes]:
         """Return the files. Raises UpdateRefused."""
@@ -144,16 +145,11 @@ def _content(body: bytes) -> Content:
         content = Content.model_validate_json(body)
     except ValidationError as error:
         raise UpdateRefused(
-            f"the update cannot be read: {_first_mistake(error)}; is it from a newer program?"
+            f"the update cannot be read: {first_mistake(error)}; is it from a newer program?"
         ) from error
     if SITE_FILE not in content.files:
         raise UpdateRefused(f"the update has no {SITE_FILE}")
     return content
-
-
-def _first_mistake(error: ValidationError) -> str:
-    found = error.errors(include_url=False, include_input=False)[0]
-    return f"{'.'.join(str(part) for part in found['loc'])}: {found['msg']}"
 
 
 # -- keys
@@ -225,7 +221,5 @@ def trusted_keys(files: tuple[str, ...]) -> dict[str, Ed25519PublicKey]:
 
 
 def _read(path: Path) -> bytes:
-    try:
+    with file_errors(path, "read"):
         return path.read_bytes()
-    except OSError as error:
-        raise UpdateRefused(f"{path} cannot be read ({error.strerror or error})") from error

@@ -20,6 +20,11 @@ import sys
 import lift_manager.app, lift_manager.cli.serve
 assert not [name for name in sys.modules if name.startswith("lift_manager.hub")]
 """
+WITHOUT_UPDATES = """
+import sys
+import lift_manager.app, lift_manager.cli.serve, lift_manager.hub.site_face
+assert not [name for name in sys.modules if name.startswith("lift_manager.hub.update")]
+"""
 WITHOUT = """
 import sys
 sys.path.insert(0, sys.argv.pop(1))
@@ -34,6 +39,10 @@ def test_no_command_loads_it_before_it_is_needed() -> None:
 
 def test_a_manager_without_a_hub_loads_nothing_of_it() -> None:
     subprocess.run([sys.executable, "-c", ALONE], check=True)
+
+
+def test_a_site_of_a_hub_that_takes_no_updates_loads_nothing_of_them() -> None:
+    subprocess.run([sys.executable, "-c", WITHOUT_UPDATES], check=True)
 
 
 @pytest.mark.parametrize("command", ["serve", "hub"])
