@@ -13,6 +13,7 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     StringConstraints,
+    ValidationError,
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
@@ -26,6 +27,12 @@ def printable(text: str) -> str:
     if not is_printable(text):
         raise PydanticCustomError("printable", "must be text on one line, without control characters")
     return text.replace("\u00a0", " ")  # what a word processor puts between the parts of a name
+
+
+def first_mistake(error: ValidationError) -> str:
+    """Return where the first mistake is and what it is, without what was read there, which may be a secret."""
+    found = error.errors(include_url=False, include_input=False)[0]
+    return f"{'.'.join(str(part) for part in found['loc'])}: {found['msg']}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,11 +28,11 @@ import yaml
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from drivers.own_files import is_shared, open_own, read_own, replace_file
+from lift_manager.api.fields import first_mistake
 from lift_manager.config.site import HUB_SITE_ID, Host, Port
 from lift_manager.hub import subjects
 from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.nkey import Nkey, make_nkey
-from lift_manager.plain.text import first_mistake
 
 SiteId = Annotated[str, StringConstraints(pattern=HUB_SITE_ID)]
 ServerUrl = Annotated[str, StringConstraints(pattern=r"^(nats|tls)://[^/@\s]+:[0-9]{1,5}$")]

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pydantic import ValidationError
 
 _JOINERS = dict.fromkeys(map(ord, "\u200c\u200d"))
 """Invisible, but Persian and Indian scripts cannot be written without them."""
@@ -21,12 +17,6 @@ def is_printable(text: str) -> bool:
 def counted(number: int, thing: str) -> str:
     """Return `1 lift` or `2 lifts`."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-def first_mistake(error: ValidationError) -> str:
-    """Return where the first mistake is and what it is, without what was read there, which may be a secret."""
-    found = error.errors(include_url=False, include_input=False)[0]
-    return f"{'.'.join(str(part) for part in found['loc'])}: {found['msg']}"
 
 
 def without_seconds(text: str) -> str:

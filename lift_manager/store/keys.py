@@ -18,10 +18,10 @@ from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
 
 from drivers.own_files import is_shared, open_own, read_own, replace_file
 from drivers.thread import in_thread
+from lift_manager.api.fields import first_mistake
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.api.roles import Role
 from lift_manager.lift.journal import Row, RowKind
-from lift_manager.plain.text import first_mistake
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.place import SHARED_FOLDER, unshare_advice
 

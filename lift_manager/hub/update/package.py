@@ -31,9 +31,9 @@ from cryptography.hazmat.primitives.serialization import (
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from drivers.own_files import make_own
+from lift_manager.api.fields import first_mistake
 from lift_manager.config.site import HUB_SITE_ID
 from lift_manager.hub.errors import UpdateRefused, file_errors
-from lift_manager.plain.text import first_mistake
 
 LARGEST = 8 * 1024 * 1024
 """Bytes of a package. Chosen: a hundred maps, or some minutes of announcements; a leaf node behind a modem takes it in minutes."""
