@@ -48,6 +48,8 @@ class Replica:
         self._store = store
         self._copied: int | None = None
         """The newest commit on this disk; None before the first step."""
+        self._reported: int | None = None
+        """The same, as etcd knows it for certain: it removes rows by that, and the next process begins there."""
         self._records: dict[str, int] = {}
         """The revision of each record on this disk."""
 
@@ -73,12 +75,15 @@ class Replica:
         if more := len(commits) == COMMITS_AT_ONCE:
             newest = place.commit_of(commits[-1])
         changed = () if more else [entry for entry in records if self._records.get(entry.key) != entry.revision]
-        if rows or changed:
-            self._commit(changed, rows, now)
-        if newest != self._copied:
-            self._etcd.transact([], [put(self._key, encode_number(newest))])
+        needs_upkeep = self._commit(changed, rows) if rows or changed else False
+        # before anything else can fail: what is on the disk must not be copied again
         self._copied = newest
         self._records |= {entry.key: entry.revision for entry in changed}
+        while needs_upkeep:
+            needs_upkeep = self._store.do_upkeep(now, check=False).more
+        if newest != self._reported:
+            self._etcd.transact([], [put(self._key, encode_number(newest))])
+            self._reported = newest
         return CopyStep(len(rows), more)
 
     def check_limits(self, now: int) -> None:
@@ -92,11 +97,9 @@ class Replica:
         self._store.close()
         self._etcd.close()
 
-    def _commit(self, records: Sequence[Entry], rows: Sequence[PendingRow], now: int) -> None:
+    def _commit(self, records: Sequence[Entry], rows: Sequence[PendingRow]) -> bool:
         decoded = {entry.key.removeprefix(self._place.records): decode_record(entry) for entry in records}
-        needs_upkeep = self._store.commit(decoded, rows)
-        while needs_upkeep:
-            needs_upkeep = self._store.do_upkeep(now, check=False).more
+        return self._store.commit(decoded, rows)
 
     def _without_repeated(self, rows: list[PendingRow]) -> list[PendingRow]:
         """Leave out what an earlier process had copied when it ended, before it could write that to etcd."""

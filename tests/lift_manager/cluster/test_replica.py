@@ -110,6 +110,34 @@ def test_a_process_that_ended_before_etcd_knew_what_it_had_copied_repeats_nothin
     assert disk.rows == noted(5 + rows_of_next)
 
 
+@pytest.mark.parametrize("lost", ["request", "answer"])
+@pytest.mark.parametrize("missed", [False, True])
+def test_a_process_that_goes_on_repeats_nothing_that_etcd_did_not_learn_of(
+    etcd: MemoryEtcd, active: EtcdStore, lost: str, *, missed: bool
+) -> None:
+    disk = MemoryStore()
+    replica = Replica("a", etcd, PLACE, disk)
+    active.commit({}, noted(2))
+    replica.step(LATER)
+    if missed:
+        etcd.transact([], [put(PLACE.head, encode_head(Head(MOST_COMMITS + 9, "x")))])
+        active = EtcdStore(etcd, PLACE, KEY, ("a", "b"))
+    active.commit({}, noted(2, 5))
+    if missed:
+        active.do_upkeep(LATER, check=False)
+    etcd.lose = iter(("", lost))
+    with pytest.raises(EtcdUnavailable):
+        replica.step(LATER)
+    active.commit({}, noted(5, 6))
+    replica.step(LATER)
+    replica.step(LATER)
+    assert [row for row in disk.rows if row.row.kind is not RowKind.GAP] == noted(6)
+    assert len(disk.rows) == 6 + missed
+    active.do_upkeep(LATER, check=False)
+    Replica("a", etcd, PLACE, disk).step(LATER)
+    assert len(disk.rows) == 6 + missed
+
+
 def test_a_journal_that_missed_rows_says_so(etcd: MemoryEtcd, active: EtcdStore) -> None:
     disk = MemoryStore()
     active.commit({}, noted(1))
