@@ -35,7 +35,7 @@ from lift_manager.lab.bench.plan import LiftPlan, plan_lifts
 from lift_manager.lab.bench.simulator import LiftSimulator
 from lift_manager.lab.bench.site import site_file
 from tests.support.etcd import Members, etcd_members
-from tests.support.programs import LIFT_MANAGER, Program, call, eventually, free_port
+from tests.support.programs import HANGS_S, LIFT_MANAGER, Program, call, eventually, free_port
 
 LIFT = "lift"
 MAP = "generic-registers"
@@ -424,7 +424,7 @@ class Pair:
                 self._finding(f"the takeover by {machine.name} pressed {write.command} {write.floor or ''}")
         if not had_session:
             return
-        reply = machine.http.get(f"/api/v1/lifts/{LIFT}")
+        reply = machine.http.get(f"/api/v1/lifts/{LIFT}", timeout=HANGS_S)
         if reply.status_code == httpx.codes.OK and reply.json()["session"] is None:
             self._finding(f"{machine.name} took over without the session to {self._floor}")
         self.tally.kept += 1
@@ -457,8 +457,10 @@ class Pair:
             exports.append(rows.read_text("utf-8").splitlines())
             self._findings_of(machine)
         shorter, longer = sorted(exports, key=len)
-        if longer[: len(shorter)] != shorter:
-            self._finding("the two journals differ")
+        for number, (one, other) in enumerate(zip(shorter, longer, strict=False), 1):
+            if one != other:
+                self._finding(f"the two journals differ from row {number} on: {one} and {other}")
+                break
 
     def _findings_of(self, machine: Machine) -> None:
         for error in machine.errors:
