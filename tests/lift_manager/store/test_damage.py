@@ -3,7 +3,6 @@
 import asyncio
 import json
 from collections.abc import Callable
-from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -121,11 +120,14 @@ def test_a_store_torn_at_any_sector_is_never_taken_for_one_that_holds_nothing(lo
         assert kept.recall("east") == LOCKED
 
 
-def log_moved_away(path: Path) -> bool:
-    with suppress(FileNotFoundError):
-        if not path.exists():
-            path.with_name(f"{path.name}-wal").rename(path.with_name("away-wal"))
-    return True
+def moved_away(path: Path, kept: Committer) -> None:
+    """Move the file away, and its log as soon as the manager asks for it: before that it may still be at work on both."""
+    log = path.with_name(f"{path.name}-wal")
+    path.rename(path.with_name("away"))
+    eventually(lambda: kept.trouble == "" or f"is not there, and {log.name} is" in kept.trouble)
+    if kept.trouble:
+        log.rename(path.with_name("away-wal"))
+    eventually(lambda: kept.trouble == "")
 
 
 @pytest.mark.parametrize("spoil", JOURNAL_DAMAGED)
@@ -148,9 +150,7 @@ def test_a_manager_starts_on_a_damaged_journal_presses_nothing_and_goes_on_when_
             assert "while the manager runs, move it to another folder, together with the file of the same name" in why
             assert kept.commit_now(press(1)).result() == why
             assert await asyncio.to_thread(path.read_bytes) == before
-            await asyncio.to_thread(path.rename, path.with_name("away"))
-            # a trial that was under way may have begun another log after that
-            await asyncio.to_thread(eventually, lambda: log_moved_away(path) and kept.trouble == "")
+            await asyncio.to_thread(moved_away, path, kept)
             assert await told.get() == ""
             assert await kept.commit_now(press(2)) is None
 
