@@ -29,6 +29,8 @@ _ADDRESSES = {
     CONTROLLER: "10.77.0.5",
 }
 """The first address of the field is that of clients and observers: Linux sends from the first one of a network."""
+_NEIGHBOUR = "net.ipv4.neigh.eth0.retrans_time_ms=100"
+"""As docs/explanation/cluster.md demands: with Linux's second, bytes of a machine that was unplugged arrive after its term."""
 _RULES = """
 table bridge cuts {
  set cut { type ipv4_addr . ipv4_addr; }
@@ -113,6 +115,7 @@ class Namespaces:
             _run("ip", "-n", switch, "link", "set", name, "master", "lan", "up")
             for place in (name, *((CONTROLLER,) if name == FIELD else ())):
                 _run("ip", "-n", own, "address", "add", f"{_ADDRESSES[place]}/24", "dev", "eth0")
+            _run(*self.command(name, ("sysctl", "-qw", _NEIGHBOUR)))
             _run("ip", "-n", own, "link", "set", "eth0", "up")
         _run(*self.command(_SWITCH, ("nft", "-f", "-")), given=_RULES)
 
