@@ -77,8 +77,7 @@ def controllers(
     Each says that it is simulated, so that nobody takes a test against it for one of a lift. The controller demands of its clients
     what the map says under `link`.
     """
-    link = source.link
-    limits = ClientLimits(link.max_connections, link.idle_timeout_s, link.min_gap_s)
+    limits = client_limits(source)
     identity = {0: "lift-manager", 1: f"simulated {source.name}", 2: running_version()}
     devices = {"": lift} | {name: lift.endpoint(name) for name in source.endpoints}
     return {
@@ -91,6 +90,12 @@ def controllers(
         )
         for number, (name, device) in enumerate(devices.items())
     }
+
+
+def client_limits(source: RegisterMap) -> ClientLimits:
+    """Return what the controller of a map demands of its clients."""
+    link = source.link
+    return ClientLimits(link.max_connections, link.idle_timeout_s, link.min_gap_s)
 
 
 @asynccontextmanager

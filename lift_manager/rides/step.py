@@ -216,7 +216,8 @@ def _report_entered(record: RideRecord, observed: RideObservation, moment: Momen
 def _report_left(record: RideRecord, observed: RideObservation, moment: Moment) -> Progress | Refused:
     if record.is_over:
         if not record.maybe_aboard:
-            return _over(record)
+            # whether it was recorded is known from the answer alone, so its repetition has one
+            return Progress(record) if record.phase is Phase.DONE else _over(record)
         return Progress(replace(record, maybe_aboard=False), (close(record, RobotWord.LEFT),))
     if not record.maybe_aboard:
         text = f"the ride is {record.phase}, and the robot cannot have been inside; to end the ride, cancel it"

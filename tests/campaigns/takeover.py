@@ -1,186 +1,79 @@
-"""Two real managers, three real members of etcd, and a simulated lift: one of them is killed, stopped or cut off at random moments
-while the lift is commanded. Judged at the controller, by connection.
+"""Two real managers, three real members of etcd, and a simulated lift: what can happen to one of them happens, at random moments, while the
+lift is commanded. Judged at the controller, by connection and epoch.
 
-    python -m tests.campaigns.takeover --faults 100 --seed 1
+    sudo python -m tests.campaigns.takeover --faults 1000 --lanes 3 --seed 1
+    python -m tests.campaigns.takeover --faults 100 --seed 1 --loopback
 
-Each machine reaches the controller over a cable of its own, which writes down when which bytes passed. An observer reads the key in
-etcd fifty times a second. Clocks are those of one computer, so all times can be compared.
+Each machine and the witness are in a network namespace of their own, so that networks can be cut; with --loopback all are on the loopback,
+and nothing is cut. Faults are divided among pairs of managers; --lanes is how many pairs run at once. In one pair of four the controller
+has a single slot for a connection, and keeps that of a silent peer for 10 s; in every second one the lift is used by a robot with rides.
+Each machine reaches the controller over a cable of its own, which writes down when which bytes passed. Observers watch the key at each
+member of etcd. Clocks are those of one computer, so all times can be compared. Everything that was made is removed at the end.
 """
 
 import argparse
-import asyncio
 import json
+import os
+import shutil
 import signal
-import statistics
+import subprocess
 import sys
 import threading
 import time
-from bisect import bisect_right
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import ExitStack, asynccontextmanager, closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
 import httpx
 
-from lift_manager.cluster.content import Place, decode_key
-from lift_manager.cluster.errors import EtcdError
-from lift_manager.cluster.etcd import Etcd, read
-from lift_manager.cluster.term import TERM_S, Key
 from lift_manager.lab.bench.bench import Bench
 from lift_manager.lab.bench.plan import LiftPlan, plan_lifts
 from lift_manager.lab.bench.simulator import LiftSimulator
 from lift_manager.lab.bench.site import site_file
+from register_maps.load import load
+from tests.campaigns.takeover_clients import Client, Requests, Robot
+from tests.campaigns.takeover_judge import Finding, judge_answers, judge_order, judge_passages, percentile
+from tests.campaigns.takeover_network import (
+    CONTROLLER,
+    FIELD,
+    MACHINES,
+    WITNESS,
+    CannotMakeNetworks,
+    Loopback,
+    Namespaces,
+    Network,
+    namespaces,
+)
+from tests.campaigns.takeover_rig import LIFT, Cables, Machine, Observers, build_clock, slow_disk
 from tests.support.etcd import Members, etcd_members
-from tests.support.programs import HANGS_S, LIFT_MANAGER, Program, call, eventually, free_port
+from tests.support.programs import HANGS_S, call, eventually
 
-LIFT = "lift"
 MAP = "generic-registers"
-MACHINES = ("north", "south")
-LOOKS_EVERY_S = 0.02
-LAG_S = 0.5
-"""How much later the observer may see a key than its owner acts on it, on a busy computer."""
+IDLE_S = 10.0
+"""How long a controller with one slot keeps that of a peer that says nothing."""
 QUIET_S = 0.6
 """How long nothing is requested after a takeover, so that what the takeover itself does shows."""
-WRITES = frozenset({5, 6, 15, 16, 22, 23})
-"""Function codes of Modbus that write."""
-STOPS_S = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0)
+BUSY = 0.4
+"""The share of faults during which the lift is requested all the time; in the others nothing is, and so nothing may be pressed."""
+STOPS_S = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 15.0, 30.0)
+CUTS_S = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
+DELAYS_S = (0.05, 0.2, 0.5, 1.0)
+JUMPS_S = (-100, -5, 5, 100, 3600, 86400)
+"""How far a clock on the wall jumps. Not further back: a lease is continued by the time of day, see docs/explanation/cluster.md."""
+FAULTS_OF_A_PAIR = 25
+PAIR_WITHIN_S = 3600.0
 
-
-@dataclass(frozen=True)
-class Passage:
-    """Something that went over a cable to the controller."""
-
-    at: float
-    """By `time.monotonic`."""
-    machine: str
-    is_write: bool
-    """False for a connection that was made."""
-
-
-class Cables:
-    """Between each machine and the controller."""
-
-    def __init__(self, controller: int) -> None:
-        self._controller = controller
-        self.ports: dict[str, int] = {}
-        self.passages: list[Passage] = []
-
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        """Pass everything on, in a thread of its own."""
-        ready, loop = threading.Event(), asyncio.new_event_loop()
-        ended = asyncio.Event()
-
-        async def serve() -> None:
-            async with self._served():
-                ready.set()
-                await ended.wait()
-
-        thread = threading.Thread(target=lambda: loop.run_until_complete(serve()), daemon=True)
-        thread.start()
-        ready.wait()
-        try:
-            yield
-        finally:
-            loop.call_soon_threadsafe(ended.set)
-            thread.join()
-            loop.close()
-
-    @asynccontextmanager
-    async def _served(self) -> AsyncIterator[None]:
-        connections: set[asyncio.Task[None]] = set()
-        servers = []
-        for machine in MACHINES:
-
-            async def connected(
-                reader: asyncio.StreamReader, writer: asyncio.StreamWriter, machine: str = machine
-            ) -> None:
-                task = asyncio.current_task()
-                assert task is not None
-                connections.add(task)
-                task.add_done_callback(connections.discard)
-                await self._pass_on(machine, reader, writer)
-
-            server = await asyncio.start_server(connected, "127.0.0.1", 0)
-            self.ports[machine] = server.sockets[0].getsockname()[1]
-            servers.append(server)
-        yield
-        for server in servers:
-            server.close()
-        for task in tuple(connections):
-            task.cancel()
-        await asyncio.gather(*connections, return_exceptions=True)
-
-    async def _pass_on(self, machine: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.passages.append(Passage(time.monotonic(), machine, is_write=False))
-        behind_reader, behind = await asyncio.open_connection("127.0.0.1", self._controller)
-        back = asyncio.create_task(_copy(behind_reader, writer))
-        try:
-            with suppress(ConnectionError, asyncio.IncompleteReadError):
-                while True:
-                    head = await reader.readexactly(6)
-                    body = await reader.readexactly(int.from_bytes(head[4:6], "big"))
-                    if body[1] in WRITES:
-                        self.passages.append(Passage(time.monotonic(), machine, is_write=True))
-                    behind.write(head + body)
-        finally:
-            back.cancel()
-            for each in (behind, writer):
-                each.transport.abort()
-
-
-async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    with suppress(ConnectionError):
-        while data := await reader.read(4096):
-            writer.write(data)
-
-
-class Observer:
-    """What the key in etcd was, and when."""
-
-    def __init__(self, urls: list[str], site: str) -> None:
-        self.seen: list[tuple[float, Key]] = []
-        self._etcd = Etcd(urls, timeout_s=0.5)
-        self._place = Place(site)
-        self._ended = threading.Event()
-
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        thread = threading.Thread(target=self._run, daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            self._ended.set()
-            thread.join()
-            self._etcd.close()
-
-    def _run(self) -> None:
-        while not self._ended.wait(LOOKS_EVERY_S):
-            with suppress(EtcdError):
-                key = decode_key(self._etcd.transact([], [read(self._place.active)]).ranges[0])
-                if not self.seen or self.seen[-1][1].revision != key.revision:
-                    self.seen.append((time.monotonic(), key))
-
-    def wrong(self, passage: Passage) -> str:
-        """Why a machine must not have done this at that moment; empty if it may."""
-        times = [at for at, _ in self.seen]
-        index = bisect_right(times, passage.at)
-        later = [key for at, key in self.seen[index:] if at <= passage.at + LAG_S]
-        if any(key.owner == passage.machine for key in later):
-            return ""
-        if index == 0:
-            return "before anybody was active"
-        since, key = self.seen[index - 1]
-        if key.owner != passage.machine:
-            return f"{passage.at - since:.2f} s after the key said epoch {key.epoch} of {key.owner or 'nobody'}"
-        if passage.at > since + TERM_S:
-            return f"{passage.at - since - TERM_S:.2f} s after its term in epoch {key.epoch}"
-        return ""
+ON_LOOPBACK = ("kill", "stop_active", "stop_active", "handover", "stop_standby", "end", "kill_member", "stop_leader")
+FAULTS = (
+    *ON_LOOPBACK,
+    *("kill", "lose_machine", "lose_machine", "unplug", "cut_active", "cut_active", "cut_standby", "cut_all"),
+    *("cut_one_way", "cut_one_way", "cut_controller", "kill_leader", "slow_disk", "slow_disk", "jump_clock"),
+)
 
 
 @dataclass
@@ -193,71 +86,34 @@ class Tally:
     epochs: int = 0
     writes: int = 0
     presses: int = 0
+    states: int = 0
+    invitations: int = 0
+    rides: int = 0
     kept: int = 0
     """Takeovers after which a session continued."""
     findings: list[str] = field(default_factory=list)
 
+    def add(self, other: "Tally") -> None:
+        """Add what another one saw."""
+        self.faults.update(other.faults)
+        for name, took in other.takeovers_s.items():
+            self.takeovers_s.setdefault(name, []).extend(took)
+        for name in ("epochs", "writes", "presses", "states", "invitations", "rides", "kept"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.findings += other.findings
 
-class Machine:
-    """One manager, which can be started again."""
 
-    def __init__(self, name: str, folder: Path, *, forked: bool) -> None:
-        self.name = name
-        self.folder = folder / name
-        self.site = self.folder / "site.yaml"
-        self.port = free_port()
-        self._forked = forked
-        self._lives = 0
-        self.program: Program | None = None
-        (self.folder / "tmp").mkdir(parents=True)
-        self.http = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=0.5, trust_env=False)
-        self.errors: list[str] = []
+@dataclass(frozen=True)
+class Happening:
+    """A fault that has begun."""
 
-    def start(self) -> None:
-        self._lives += 1
-        life = self.folder / f"life-{self._lives}"
-        life.mkdir()
-        words = ("serve", str(self.site), "--port", str(self.port), "--machine", self.name)
-        # two managers on one computer: the lock that keeps them from one controller is not what is tried here
-        more = {"TMPDIR": str(self.folder / "tmp")}
-        command = words if self._forked else (*LIFT_MANAGER, *words)
-        self.program = Program(command, life, None, forked=self._forked, more=more)
-
-    def tell(self, number: signal.Signals) -> None:
-        assert self.program is not None
-        self.program.tell(number)
-
-    def end(self) -> None:
-        if self.program is None:
-            return
-        self.program.tell(signal.SIGCONT)
-        self.program.end()
-        if "Traceback" in self.program.err:
-            self.errors.append(self.program.err[-3000:])
-
-    def state(self) -> dict[str, object] | None:
-        """The state of the lift; None from a standby, or if nothing answers."""
-        try:
-            reply = self.http.get("/open-rmf/demo-lift/lift_state", params={"lift_name": LIFT}).json()
-        except (httpx.HTTPError, ValueError):
-            return None
-        return dict(reply["data"]) if reply["success"] else None
-
-    @property
-    def log(self) -> str:
-        """What its present life has logged."""
-        return "" if self.program is None else self.program.err
-
-    def stands_by(self) -> bool:
-        """Whether it could take over now."""
-        with suppress(httpx.HTTPError):
-            reply = self.http.get("/readyz")
-            return reply.status_code == httpx.codes.OK and reply.json().get("role") == "standby"
-        return False
+    undo: Callable[[], None]
+    lasts_s: float | None = None
+    """None: until the other machine commands the lift."""
 
 
 class Pair:
-    """Both machines, what they share, and somebody who requests the lift."""
+    """Both machines, what they share, and somebody who uses the lift."""
 
     def __init__(
         self,
@@ -265,19 +121,24 @@ class Pair:
         lift: LiftSimulator,
         members: Members,
         folder: Path,
-        dice: Random,
-        tally: Tally,
+        network: Network,
         *,
+        seed: int,
+        rides: bool,
         forked: bool,
     ) -> None:
-        self.lift, self.members, self.dice, self.tally = lift, members, dice, tally
-        self.cables = Cables(lift.ports[""])
-        self.machines = {name: Machine(name, folder, forked=forked) for name in MACHINES}
-        self.observer = Observer(members.urls, "bench")
+        self.lift, self.members, self.network = lift, members, network
+        self.dice, self.tally = Random(seed), Tally()
+        clock = build_clock(folder) if isinstance(network, Namespaces) else None
+        self.cables = Cables(lift.ports[""], network.addresses[CONTROLLER])
+        self.machines = {name: Machine(name, folder, network, clock=clock, forked=forked) for name in MACHINES}
+        self.observers = Observers(members.urls, "bench")
+        self.keys = self.observers.keys
+        self.client: Client = (Robot if rides else Requests)(lift, self.dice, self._find)
         self._plan = plan
-        self._floor = ""
-        self._is_held_since: int | None = None
-        """How many writes there were when the present hold was requested; None if nothing certain is known about a session."""
+        self._seed = seed
+        self._has_one_slot = plan.map.map.link.max_connections == 1
+        self._happened: list[tuple[float, str]] = [(0.0, "start")]
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -285,165 +146,299 @@ class Pair:
             stack.enter_context(self.cables.running())
             for machine in self.machines.values():
                 machine.site.write_text(json.dumps(self._site(machine)), "utf-8")
-                stack.enter_context(closing(machine.http))
+            stack.enter_context(self.observers.running())
             prepared = call("cluster", "init", self.machines["north"].site)
             assert prepared.returncode == 0, prepared.stderr
-            stack.enter_context(self.observer.running())
             for machine in self.machines.values():
-                stack.callback(machine.end)
+                stack.enter_context(machine.running())
                 machine.start()
             eventually(lambda: self.active)
             yield
 
     def _site(self, machine: Machine) -> dict[str, object]:
         made = site_file([self._plan], {LIFT: {"": self.cables.ports[machine.name]}}, machine.folder)
-        addresses = {name: {"address": f"http://127.0.0.1:{one.port}"} for name, one in self.machines.items()}
-        cluster = {"machines": addresses, "etcd": self.members.urls}
-        return made | {"state": "state", "cluster": cluster}
+        made["controllers"][LIFT]["host"] = self.network.addresses[CONTROLLER]
+        addresses = {name: {"address": one.url} for name, one in self.machines.items()}
+        api = {"host": machine.host, "without_keys": "nobody else is in this network"}
+        return made | {"state": "state", "api": api, "cluster": {"machines": addresses, "etcd": self.members.urls}}
 
     @property
     def active(self) -> Machine | None:
-        return next((machine for machine in self.machines.values() if machine.state() is not None), None)
+        """Whoever has just given a state."""
+        now = time.monotonic()
+        return next((one for one in self.machines.values() if one.first_state(now - 0.3) is not None), None)
 
     def other(self, machine: Machine) -> Machine:
         return next(one for one in self.machines.values() if one is not machine)
 
-    # -- requests
-
-    def command(self, for_s: float) -> None:
-        """Request floors for a while, of whoever is active."""
-        ends_at = time.monotonic() + for_s
-        while time.monotonic() < ends_at:
+    def use(self, for_s: float, ended: threading.Event | None = None) -> None:
+        """Let the client use the lift for a while."""
+        pause, ends_at = ended or threading.Event(), time.monotonic() + for_s
+        while time.monotonic() < ends_at and not pause.wait(self.dice.choice((0.0, 0.05, 0.2, 0.6))):
             if (active := self.active) is not None:
-                self._request(active)
-            threading.Event().wait(self.dice.choice((0.0, 0.05, 0.2, 0.6)))
+                self.client.act(active)
 
-    def _request(self, machine: Machine) -> None:
-        floor = self.dice.choice(self.lift.floors)
-        before, self._is_held_since = self._is_held_since, None
-        seen = len(self.lift.writes)
+    @contextmanager
+    def _used(self) -> Iterator[None]:
+        ended = threading.Event()
+        thread = threading.Thread(target=self.use, args=(PAIR_WITHIN_S, ended), daemon=True)
+        thread.start()
         try:
-            params, body = {"lift_name": LIFT}, {"floor": floor, "door_state": 2}
-            reply = machine.http.post("/open-rmf/demo-lift/lift_request", params=params, json=body).json()
-        except (httpx.HTTPError, ValueError):
-            return
-        if reply["success"]:
-            self._is_held_since = before if before is not None and floor == self._floor else seen
-            self._floor = floor
-        else:
-            self._is_held_since = before
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
-    @property
-    def _has_session(self) -> bool:
-        """Whether something was pressed for the last request, and so after it was committed."""
-        since = self._is_held_since
-        return since is not None and any(write.on for write in self.lift.writes[since:])
+    def finish(self) -> None:
+        """Let what the client has begun end well."""
+        try:
+            eventually(self._finished)
+        except AssertionError:
+            self._find(f"does not end: {self.client.unfinished()}")
+        self.tally.rides += self.client.ridden
+
+    def _finished(self) -> bool:
+        self.use(0.5)
+        return not self.client.unfinished()
 
     # -- faults
 
     def meet(self, name: str) -> None:
-        """Let something happen, wait until the lift is commanded again, and judge what the takeover itself did."""
-        active = eventually(self._with_standby)
-        epoch, had_session = self.observer.seen[-1][1].epoch, self._has_session
-        passages = len(self.cables.passages)
+        """Let something happen, wait until the lift is commanded again, and judge what a takeover itself did."""
+        active = self._awaited(self._ready, "before")
+        epoch, passages = self.keys.newest.epoch, len(self.cables.passages)
+        expects_session = self.client.expects_session()
+        is_busy = self.dice.random() < BUSY
         self.tally.faults[name] += 1
         began = time.monotonic()
-        undo = getattr(self, f"_{name}")(active)
+        self._happened.append((began, f"{name} of {active.name}{', busy' if is_busy else ''}"))
+        happening: Happening = getattr(self, f"_{name}")(active)
+        with ExitStack() as stack:
+            if is_busy:
+                stack.enter_context(self._used())
+            found = self._follow(self.other(active), began, happening.lasts_s)
+            if found is not None:
+                self._note_takeover(name, found - began)
+                self._judge_takeover(epoch, passages, expects_session=expects_session, is_busy=is_busy)
+            if happening.lasts_s is not None:
+                threading.Event().wait(max(0.0, began + happening.lasts_s - time.monotonic()))
+            happening.undo()
+            ended = time.monotonic()
+            commanding = self._awaited(lambda: self._commands(ended), f"after {name}")
+            if found is None and commanding is not active:
+                first = commanding.first_state(began)
+                assert first is not None
+                self._note_takeover(f"{name}, from its end", first.at - ended)
+            if found is None and self.keys.newest.epoch != epoch:
+                self._judge_takeover(epoch, passages, expects_session=expects_session, is_busy=is_busy)
+
+    def _ready(self) -> Machine | None:
+        """Return the active machine, once everything is well and the other one could take over."""
+        active = self.active
+        if active is None or self.keys.newest.owner != active.name or not self.other(active).stands_by():
+            return None
+        return active if all(map(_is_healthy, self.members.urls)) else None
+
+    def _awaited(self, look: Callable[[], Machine | None], when: str) -> Machine:
         try:
-            found = eventually(lambda: self._commanded(active, name))
+            return eventually(look)
         except AssertionError as error:
             logs = "\n".join(f"--- {one.name}\n{one.log[-3000:]}" for one in self.machines.values())
-            raise AssertionError(f"after {name} of {active.name} nobody commands the lift\n{logs}") from error
-        took_s = time.monotonic() - began
-        undo()
-        if self.observer.seen[-1][1].epoch == epoch:
-            return
-        if found is not active:
-            self.tally.takeovers_s.setdefault(name, []).append(took_s)
-        self._judge_takeover(found, passages, had_session=had_session)
+            raise AssertionError(f"seed {self._seed}, {when}: nobody commands the lift\n{logs}") from error
 
-    def _with_standby(self) -> Machine | None:
-        """Return the active machine, once the other one could take over."""
-        active = self.active
-        return active if active is not None and self.other(active).stands_by() else None
+    def _follow(self, other: Machine, began: float, lasts_s: float | None) -> float | None:
+        """Return when the other machine commanded the lift; None if it did not while the fault lasted."""
+        if lasts_s is None:
+            self._awaited(lambda: other if other.first_state(began) else None, self._happened[-1][1])
+        else:
+            with suppress(AssertionError):
+                eventually(lambda: other.first_state(began), lasts_s)
+        first = other.first_state(began)
+        return None if first is None else first.at
 
-    def _commanded(self, before: Machine, name: str) -> Machine | None:
-        """Return who commands the lift; after what ends a term for certain, the other machine."""
-        found = self.active
-        return None if found is before and name in ("kill", "end") else found
+    def _commands(self, since: float) -> Machine | None:
+        """Return who has the key and has given a state since then."""
+        owner = self.machines.get(self.keys.newest.owner)
+        return owner if owner is not None and owner.first_state(since) is not None else None
 
-    def _kill(self, active: Machine) -> Callable[[], None]:
+    def _note_takeover(self, name: str, took_s: float) -> None:
+        name += " (one slot)" if self._has_one_slot else ""
+        self.tally.takeovers_s.setdefault(name, []).append(took_s)
+
+    def _kill(self, active: Machine) -> Happening:
         active.end()
-        return active.start
+        return Happening(active.start)
 
-    def _end(self, active: Machine) -> Callable[[], None]:
+    def _end(self, active: Machine) -> Happening:
         active.tell(signal.SIGTERM)
-        assert active.program is not None
-        active.program.ended()
-        active.end()
-        return active.start
 
-    def _stop_active(self, active: Machine) -> Callable[[], None]:
+        def undo() -> None:
+            assert active.program is not None
+            active.program.ended()
+            active.end()
+            active.start()
+
+        return Happening(undo)
+
+    def _stop_active(self, active: Machine) -> Happening:
         return self._stopped(active)
 
-    def _stop_standby(self, active: Machine) -> Callable[[], None]:
+    def _stop_standby(self, active: Machine) -> Happening:
         return self._stopped(self.other(active))
 
-    def _stopped(self, machine: Machine) -> Callable[[], None]:
+    def _stopped(self, machine: Machine) -> Happening:
         machine.tell(signal.SIGSTOP)
-        timer = threading.Timer(self.dice.choice(STOPS_S), machine.tell, (signal.SIGCONT,))
-        timer.start()
-        return timer.join
+        return Happening(lambda: machine.tell(signal.SIGCONT), self.dice.choice(STOPS_S))
 
-    def _handover(self, active: Machine) -> Callable[[], None]:
+    def _handover(self, active: Machine) -> Happening:
         done = call("handover", active.site, "--by", "Eve")
         if done.returncode:
-            self._finding(f"the handover from {active.name} failed: {done.stderr}")
-        return lambda: None
+            if "no manager is active" not in done.stderr:  # it may have lost its term just before
+                self._find(f"the handover from {active.name} failed: {done.stderr}")
+            return Happening(_nothing, 0.0)
+        return Happening(_nothing)
 
-    def _kill_member(self, active: Machine) -> Callable[[], None]:
-        name = self.dice.choice(self.members.names)
+    def _kill_member(self, _: Machine) -> Happening:
+        return self._killed_member(self.dice.choice(self.members.names))
+
+    def _kill_leader(self, _: Machine) -> Happening:
+        return self._killed_member(self.members.leader())
+
+    def _killed_member(self, name: str) -> Happening:
         self.members.kill(name)
-        threading.Event().wait(self.dice.uniform(0.5, 3.0))
-        return lambda: self.members.start(name)
+        return Happening(lambda: self.members.start(name), self.dice.uniform(0.5, 3.0))
 
-    def _stop_leader(self, active: Machine) -> Callable[[], None]:
+    def _stop_leader(self, _: Machine) -> Happening:
         name = self.members.leader()
         self.members.tell(name, signal.SIGSTOP)
-        threading.Event().wait(self.dice.uniform(0.5, 4.0))
-        return lambda: self.members.tell(name, signal.SIGCONT)
+        return Happening(lambda: self.members.tell(name, signal.SIGCONT), self.dice.uniform(0.5, 4.0))
+
+    # -- faults that need networks
+
+    @property
+    def _namespaces(self) -> Namespaces:
+        assert isinstance(self.network, Namespaces)
+        return self.network
+
+    def _lose_machine(self, active: Machine) -> Happening:
+        """Its power fails: nothing of it is heard any more, not even that its connections end."""
+        self._namespaces.unplug(active.name)
+        self.members.kill(active.name)
+        active.end()
+
+        def undo() -> None:
+            self._namespaces.plug(active.name)
+            self.members.start(active.name)
+            active.start()
+
+        return Happening(undo)
+
+    def _unplug(self, active: Machine) -> Happening:
+        """It runs on, and reaches nobody."""
+        self._namespaces.unplug(active.name)
+        return Happening(lambda: self._namespaces.plug(active.name), self.dice.choice(CUTS_S))
+
+    def _cut_active(self, active: Machine) -> Happening:
+        """Active | standby and witness. Both reach the controller."""
+        return self._cut_off(active)
+
+    def _cut_standby(self, active: Machine) -> Happening:
+        """Active and witness | standby. Both reach the controller."""
+        return self._cut_off(self.other(active))
+
+    def _cut_off(self, machine: Machine) -> Happening:
+        return self._cut(*((machine.name, one) for one in (self.other(machine).name, WITNESS)))
+
+    def _cut_all(self, active: Machine) -> Happening:
+        """Active | standby | witness: nobody has a majority."""
+        standby = self.other(active).name
+        return self._cut((active.name, standby), (active.name, WITNESS), (standby, WITNESS))
+
+    def _cut_one_way(self, active: Machine) -> Happening:
+        """One machine is not heard by the two others, or does not hear them."""
+        machine = self.dice.choice(tuple(self.machines.values()))
+        directions = [(machine.name, one) for one in (self.other(machine).name, WITNESS)]
+        is_heard = self.dice.random() < 0.5
+        return self._lost([(to, of) for of, to in directions] if is_heard else directions)
+
+    def _cut_controller(self, active: Machine) -> Happening:
+        """Active | controller, in both directions or in one."""
+        there, back = (active.name, CONTROLLER), (CONTROLLER, active.name)
+        return self._lost(self.dice.choice(([there, back], [there], [back])))
+
+    def _cut(self, *between: tuple[str, str]) -> Happening:
+        return self._lost([*between, *((second, first) for first, second in between)])
+
+    def _lost(self, directions: Sequence[tuple[str, str]]) -> Happening:
+        self._namespaces.cut(directions)
+        return Happening(self._namespaces.heal, self.dice.choice(CUTS_S))
+
+    def _jump_clock(self, active: Machine) -> Happening:
+        """The clock on the wall of one machine, or of both, jumps, and is set right again."""
+        both = tuple(self.machines.values())
+        jumping = self.dice.choice(((active,), (self.other(active),), both))
+        ahead_s = self.dice.choice(JUMPS_S)
+        for machine in jumping:
+            machine.set_clock(ahead_s)
+
+        def undo() -> None:
+            for machine in both:
+                machine.set_clock(0)
+
+        return Happening(undo, self.dice.choice((3.0, 5.0)))
+
+    def _slow_disk(self, active: Machine) -> Happening:
+        """The disk of a member, of all of them, or of a manager takes longer for each flush."""
+        processes = {name: process.pid for name, process in self.members.processes.items()}
+        assert active.program is not None
+        of = self.dice.choice(
+            ((processes[active.name],), (processes[WITNESS],), tuple(processes.values()), (active.program.pid,))
+        )
+        stack = ExitStack()
+        stack.enter_context(slow_disk(of, self.dice.choice(DELAYS_S)))
+        return Happening(stack.close, self.dice.choice((3.0, 6.0)))
 
     # -- judge
 
-    def _judge_takeover(self, machine: Machine, passages: int, *, had_session: bool) -> None:
-        """Nothing was requested since: nothing may be pressed, and the session goes on."""
-        connected = [one.at for one in self.cables.passages[passages:] if one.machine == machine.name]
-        threading.Event().wait(QUIET_S)
-        for write in self.lift.writes:
-            if connected and write.on and write.at_s > connected[0]:
-                self._finding(f"the takeover by {machine.name} pressed {write.command} {write.floor or ''}")
-        if not had_session:
+    def _judge_takeover(self, epoch: int, passages: int, *, expects_session: bool, is_busy: bool) -> None:
+        """The session goes on; and if nothing was requested since the fault, nothing may be pressed."""
+        newest = self.keys.newest
+        machine = self.machines.get(newest.owner)
+        if machine is None or newest.epoch == epoch:
             return
-        reply = machine.http.get(f"/api/v1/lifts/{LIFT}", timeout=HANGS_S)
-        if reply.status_code == httpx.codes.OK and reply.json()["session"] is None:
-            self._finding(f"{machine.name} took over without the session to {self._floor}")
-        self.tally.kept += 1
+        threading.Event().wait(QUIET_S)
+        taken_at = self.keys.since(newest.epoch)
+        connected = [
+            one.at for one in self.cables.passages[passages:] if one.machine == machine.name and one.at >= taken_at
+        ]
+        for write in () if is_busy or not connected else self.lift.writes:
+            if write.on and write.at_s > connected[0]:
+                self._find(f"the takeover by {machine.name} pressed {write.command} {write.floor or ''}", write.at_s)
+        if expects_session and self.keys.newest.owner == machine.name:
+            self.client.judge(machine)
+            self.tally.kept += 1
 
-    def judge_passages(self) -> None:
-        """Each connection and each write was made by the machine whose key it was, within its term."""
-        for passage in self.cables.passages:
-            if why := self.observer.wrong(passage):
-                what = "wrote" if passage.is_write else "connected"
-                self._finding(f"{passage.machine} {what} {why}")
-        self.tally.writes += sum(passage.is_write for passage in self.cables.passages)
-        self.tally.epochs += self.observer.seen[-1][1].epoch
+    def judge_log(self) -> None:
+        """Judge everything that was written down."""
+        passages = self.cables.passages
+        answers = [answer for machine in self.machines.values() for answer in machine.answers]
+        found = (
+            *judge_passages(self.keys, passages),
+            *judge_order(self.keys, passages),
+            *judge_answers(self.keys, answers),
+        )
+        for finding in found:
+            self._add(finding)
+        self.tally.writes += sum(passage.is_write for passage in passages)
+        self.tally.states += len(answers)
+        self.tally.invitations += sum(answer.is_open for answer in answers)
+        self.tally.epochs += self.keys.newest.epoch
         self.tally.presses += sum(write.on for write in self.lift.writes)
 
     def judge_journals(self) -> None:
         """Both journals verify, and hold the same rows, once both machines have ended in good order."""
         exports = []
-        for machine in (self.other(eventually(lambda: self.active)), self.active):
-            assert machine is not None
+        for machine in (self.other(eventually(lambda: self.active)), eventually(lambda: self.active)):
             assert machine.program is not None
             threading.Event().wait(1.0)  # what the other machine writes until then is copied
             machine.tell(signal.SIGTERM)
@@ -451,68 +446,251 @@ class Pair:
             machine.end()
             verified = call("audit", machine.site, "--verify")
             if verified.returncode:
-                self._finding(f"the journal of {machine.name} does not verify: {verified.stdout}{verified.stderr}")
+                self._find(f"the journal of {machine.name} does not verify: {verified.stdout}{verified.stderr}")
             rows = machine.folder / "rows.jsonl"
             call("audit", machine.site, "--last", "1000000", "--jsonl", rows)
             exports.append(rows.read_text("utf-8").splitlines())
-            self._findings_of(machine)
+            for error in machine.errors:
+                self._find(f"{machine.name} crashed: {error}")
         shorter, longer = sorted(exports, key=len)
         for number, (one, other) in enumerate(zip(shorter, longer, strict=False), 1):
             if one != other:
-                self._finding(f"the two journals differ from row {number} on: {one} and {other}")
+                self._find(f"the two journals differ from row {number} on: {one} and {other}")
                 break
 
-    def _findings_of(self, machine: Machine) -> None:
-        for error in machine.errors:
-            self._finding(f"{machine.name} crashed: {error}")
+    def keep(self, folder: Path) -> None:
+        """Keep what the managers logged and wrote down, to look for the cause of a finding."""
+        for machine in self.machines.values():
+            for file in (*machine.folder.glob("life-*/err"), *machine.folder.glob("rows.jsonl")):
+                name = "-".join(file.relative_to(machine.folder.parent).parts)
+                shutil.copy(file, folder / f"{self._seed}-{name}")
 
-    def _finding(self, text: str) -> None:
-        self.tally.findings.append(text)
+    def _find(self, text: str, at: float | None = None) -> None:
+        self._add(Finding(time.monotonic() if at is None else at, text))
+
+    def _add(self, finding: Finding) -> None:
+        number, (began, what) = max(
+            (number, one) for number, one in enumerate(self._happened) if one[0] <= finding.at or number == 0
+        )
+        where = f"seed {self._seed}, fault {number} ({what}), {finding.at - began:+.2f} s"
+        self.tally.findings.append(f"{where}: {finding.text}")
 
 
-FAULTS = ("kill", "stop_active", "stop_active", "handover", "stop_standby", "end", "kill_member", "stop_leader")
+def _nothing() -> None:
+    """Undo nothing."""
 
 
-def campaign(faults: int, seed: int, *, kinds: tuple[str, ...] = FAULTS, forked: bool = False) -> Tally:
-    """Let so many faults happen to one pair."""
-    tally, dice = Tally(), Random(seed)
-    wish = {"name": LIFT, "map": MAP, "speed": 20.0, "clear_s": 10.0}
+def _is_healthy(member: str) -> bool:
+    """Whether a member of etcd serves, with a leader."""
+    with suppress(httpx.HTTPError, ValueError):
+        return bool(httpx.get(f"{member}/health", timeout=1.0, trust_env=False).json()["health"] == "true")
+    return False
+
+
+def campaign(
+    faults: int,
+    seed: int,
+    *,
+    kinds: tuple[str, ...] | None = None,
+    network: Network | None = None,
+    one_slot: bool = False,
+    rides: bool = False,
+    forked: bool = False,
+    keep: Path | None = None,
+) -> Tally:
+    """Let so many faults happen to one pair: `kinds` in their order, or by default all of them in a random order.
+
+    Logs and journals of a pair with findings are copied to the folder `keep`.
+    """
+    where, dice = network or Loopback(), Random(seed)
+    every = list(kinds or (ON_LOOPBACK if isinstance(where, Loopback) else FAULTS))
+    if kinds is None:
+        dice.shuffle(every)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory()))
         (folder / "etcd").mkdir()
-        bench = stack.enter_context(Bench((wish,), near=Path.cwd(), folder=folder))
-        (plan,) = plan_lifts((wish,), Path.cwd())
-        members = stack.enter_context(etcd_members(folder / "etcd", "a", "b", "w"))
-        pair = Pair(plan, bench.simulator(), members, folder, dice, tally, forked=forked)
+        wish = {"name": LIFT, "map": _map(folder, one_slot=one_slot), "speed": 20.0, "clear_s": 10.0}
+        bench = stack.enter_context(Bench((wish,), near=folder, folder=folder))
+        (plan,) = plan_lifts((wish,), folder)
+        names = (*MACHINES, WITNESS)
+        members = stack.enter_context(
+            etcd_members(folder / "etcd", *names, hosts=where.addresses, command=where.command)
+        )
+        pair = Pair(plan, bench.simulator(), members, folder, where, seed=seed, rides=rides, forked=forked)
         with pair.running():
             for number in range(faults):
-                pair.command(dice.uniform(0.3, 3.0))
-                # each kind as often as any other
-                pair.meet(kinds[number % len(kinds)])
-            pair.command(1.0)
+                pair.use(dice.uniform(0.3, 3.0))
+                pair.meet(every[number % len(every)])
+            pair.finish()
             pair.judge_journals()
-        pair.judge_passages()
+        pair.judge_log()
+        if keep is not None and pair.tally.findings:
+            pair.keep(keep)
+    return pair.tally
+
+
+def _map(folder: Path, *, one_slot: bool) -> str:
+    """Return the map; that of a controller with one slot is written into the folder."""
+    if not one_slot:
+        return MAP
+    shipped, place = load(MAP).path.read_text("utf-8"), folder / "one-slot.yaml"
+    link = "link: {"
+    assert link in shipped
+    place.write_text(shipped.replace(link, f"{link}max_connections: 1, idle_timeout_s: {IDLE_S:g}, ", 1), "utf-8")
+    return "./one-slot.yaml"
+
+
+# -- the command
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one pair does of a campaign, in a process of its own."""
+
+    faults: int
+    seed: int
+    one_slot: bool
+    rides: bool
+    kinds: tuple[str, ...] | None = None
+    keep: str | None = None
+
+    def run(self, folder: Path, cancelled: threading.Event, *, loopback: bool) -> Tally:
+        """Run it, in networks of its own, until its end or until it is cancelled."""
+        with ExitStack() as stack:
+            network: Network = Loopback()
+            if not loopback:
+                network = stack.enter_context(namespaces(f"takeover-{os.getpid()}-{self.seed}"))
+            return self._run(network, folder, cancelled)
+
+    def _run(self, network: Network, folder: Path, cancelled: threading.Event) -> Tally:
+        own = folder / f"{self.seed}"
+        own.mkdir()
+        result, out = own / "result", own / "out"
+        words = [sys.executable, "-m", "tests.campaigns.takeover", "--part", json.dumps(asdict(self))]
+        words += ["--result", str(result), *(["--inside", network.prefix] if isinstance(network, Namespaces) else [])]
+        with out.open("wb") as written:
+            process = subprocess.Popen(
+                network.command(FIELD, words),
+                stdout=written,
+                stderr=written,
+                env=os.environ | {"TMPDIR": str(own)},
+                start_new_session=True,  # Ctrl-C is for the command, which ends its parts
+            )
+            ends_at = time.monotonic() + PAIR_WITHIN_S
+            while process.poll() is None and time.monotonic() < ends_at:
+                if cancelled.wait(0.2):
+                    break
+            _end(process)
+        if result.exists():
+            given = json.loads(result.read_text("utf-8"))
+            return Tally(**given | {"faults": Counter(given["faults"])})
+        if cancelled.is_set():
+            return Tally()
+        return Tally(findings=[f"seed {self.seed} ended with {process.returncode}: {out.read_text('utf-8')[-6000:]}"])
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Let a process end what it has started, if it still runs, and end it."""
+    if process.poll() is None:
+        process.terminate()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(HANGS_S)
+    process.kill()
+    process.wait()
+
+
+def parts(faults: int, seed: int, kinds: tuple[str, ...] | None, keep: str | None) -> list[Part]:
+    """Divide a campaign among pairs."""
+    numbers = range(-(-faults // FAULTS_OF_A_PAIR))
+    return [
+        Part(
+            min(FAULTS_OF_A_PAIR, faults - number * FAULTS_OF_A_PAIR),
+            seed * 1000 + number,
+            one_slot=number % 4 == 3,
+            rides=number % 2 == 0 if number % 8 < 4 else number % 2 == 1,
+            kinds=kinds,
+            keep=keep,
+        )
+        for number in numbers
+    ]
+
+
+def run_parts(todo: Sequence[Part], lanes: int, *, loopback: bool) -> Tally:
+    """Run the parts, so many at once. Ctrl-C and SIGTERM end it, and what the parts that had ended saw is returned with a finding."""
+    tally, cancelled = Tally(), threading.Event()
+    with TemporaryDirectory(prefix="takeover-") as folder, ThreadPoolExecutor(lanes) as pool:
+        running = {pool.submit(part.run, Path(folder), cancelled, loopback=loopback): part for part in todo}
+        try:
+            for job in as_completed(running):
+                seen = job.result()
+                tally.add(seen)
+                found = len(seen.findings)
+                sys.stdout.write(f"seed {running[job].seed}: {seen.faults.total()} faults, {found} findings\n")
+                sys.stdout.flush()
+        except BaseException as error:
+            cancelled.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            if not isinstance(error, KeyboardInterrupt):
+                raise
+            tally.findings.append("it was ended before all faults had happened")
     return tally
+
+
+def report(tally: Tally, took_s: float) -> Iterator[str]:
+    """Yield what was seen, a line each."""
+    faults = ", ".join(f"{count} {name}" for name, count in sorted(tally.faults.items()))
+    yield f"{tally.faults.total()} faults ({faults}) in {took_s:.0f} s"
+    yield (
+        f"{tally.epochs} epochs, {tally.writes} writes and {tally.presses} presses at the controller, {tally.states} states,"
+        f" {tally.invitations} of them OPEN; {tally.rides} rides ended well, {tally.kept} sessions continued;"
+        f" {len(tally.findings)} findings"
+    )
+    for name, took in sorted(tally.takeovers_s.items()):
+        half, most = percentile(took, 0.5), percentile(took, 0.99)
+        yield f"{name}: {len(took)} takeovers, p50 {half:.2f} s, p99 {most:.2f} s, longest {max(took):.2f} s"
+    yield from (f"FOUND {text}" for text in tally.findings)
+
+
+def _run_part(part: Part, prefix: str | None, result: Path) -> int:
+    """Be the process of a part; what it saw goes into a file."""
+    tally = campaign(
+        part.faults,
+        part.seed,
+        kinds=tuple(part.kinds) if part.kinds else None,
+        network=Namespaces(prefix) if prefix else Loopback(),
+        one_slot=part.one_slot,
+        rides=part.rides,
+        keep=Path(part.keep) if part.keep else None,
+    )
+    result.write_text(json.dumps(vars(tally)), "utf-8")
+    return 0
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--faults", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
-    began = time.monotonic()
-    tally = campaign(given.faults, given.seed)
-    faults = ", ".join(f"{count} {name}" for name, count in sorted(tally.faults.items()))
-    sys.stdout.write(
-        f"{tally.faults.total()} faults ({faults}) in {time.monotonic() - began:.0f} s; {tally.epochs} epochs, {tally.writes}"
-        f" writes and {tally.presses} presses at the controller; {tally.kept} sessions continued; {len(tally.findings)} findings\n"
+    parser.add_argument("--lanes", type=int, default=1)
+    parser.add_argument("--loopback", action="store_true")
+    parser.add_argument("--kinds", nargs="*", choices=sorted(set(FAULTS)))
+    parser.add_argument(
+        "--keep", metavar="FOLDER", help="where logs and journals of a pair with findings are copied to"
     )
-    for name, took in sorted(tally.takeovers_s.items()):
-        sys.stdout.write(
-            f"{name}: {len(took)} takeovers, median {statistics.median(took):.2f} s, longest {max(took):.2f} s\n"
-        )
-    for text in tally.findings:
-        sys.stdout.write(f"FOUND {text}\n")
+    for internal in ("--part", "--inside", "--result"):
+        parser.add_argument(internal, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if given.part:
+        return _run_part(Part(**json.loads(given.part)), given.inside, Path(given.result))
+    began = time.monotonic()
+    kinds = tuple(given.kinds) if given.kinds else None
+    try:
+        tally = run_parts(parts(given.faults, given.seed, kinds, given.keep), given.lanes, loopback=given.loopback)
+    except CannotMakeNetworks as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    for line in report(tally, time.monotonic() - began):
+        sys.stdout.write(f"{line}\n")
     return 1 if tally.findings else 0
 
 

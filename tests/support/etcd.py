@@ -3,7 +3,7 @@
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +32,10 @@ class Members:
     folder: Path
     tls: Certificates | None
     names: tuple[str, ...]
+    hosts: Mapping[str, str] = field(default_factory=dict)
+    """Where each member is; 127.0.0.1 if it is not named."""
+    command: Callable[[str, Sequence[str]], Sequence[str]] = lambda _, words: words
+    """The command that runs these words where a member is."""
     client: dict[str, int] = field(default_factory=dict)
     peer: dict[str, int] = field(default_factory=dict)
     processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
@@ -39,12 +43,12 @@ class Members:
     @property
     def urls(self) -> list[str]:
         scheme = "http" if self.tls is None else "https"
-        return [f"{scheme}://127.0.0.1:{self.client[name]}" for name in self.names]
+        return [f"{scheme}://{self._host(name)}:{self.client[name]}" for name in self.names]
 
     def start(self, name: str) -> None:
         """Start a member, or start it again with its data."""
         url = self.urls[self.names.index(name)]
-        peers = {one: f"http://127.0.0.1:{port}" for one, port in self.peer.items()}
+        peers = {one: f"http://{self._host(one)}:{port}" for one, port in self.peer.items()}
         words = [
             *("etcd", "--name", name, "--data-dir", str(self.folder / name), *FAST),
             *("--listen-client-urls", url, "--advertise-client-urls", url),
@@ -58,7 +62,8 @@ class Members:
         with (self.folder / f"{name}.log").open("ab") as log:
             # the tests unset what a shell may have set for etcdctl
             env = {key: value for key, value in os.environ.items() if not key.startswith("ETCD")}
-            self.processes[name] = subprocess.Popen(words, stdout=log, stderr=log, stdin=subprocess.DEVNULL, env=env)
+            command = self.command(name, words)
+            self.processes[name] = subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, env=env)
 
     def tell(self, name: str, number: signal.Signals) -> None:
         self.processes[name].send_signal(number)
@@ -67,6 +72,9 @@ class Members:
         process = self.processes.pop(name)
         process.kill()
         process.wait()
+
+    def _host(self, name: str) -> str:
+        return self.hosts.get(name, "127.0.0.1")
 
     def leader(self) -> str:
         """The member that leads, as `etcdctl` shows it."""
@@ -79,9 +87,15 @@ class Members:
 
 
 @contextmanager
-def etcd_members(folder: Path, *names: str, tls: Certificates | None = None) -> Iterator[Members]:
-    """Run these members; they have a leader once this is entered."""
-    members = Members(folder, tls, names or ("one",))
+def etcd_members(
+    folder: Path,
+    *names: str,
+    tls: Certificates | None = None,
+    hosts: Mapping[str, str] | None = None,
+    command: Callable[[str, Sequence[str]], Sequence[str]] = lambda _, words: words,
+) -> Iterator[Members]:
+    """Run these members; they have a leader once this is entered. `hosts` and `command` are as in `Members`."""
+    members = Members(folder, tls, names or ("one",), hosts or {}, command)
     members.client = {name: free_port() for name in members.names}
     members.peer = {name: free_port() for name in members.names}
     try:

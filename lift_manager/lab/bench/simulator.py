@@ -13,7 +13,7 @@ from lift_manager.lab.bench.errors import BenchError, ConditionNotMet
 from lift_manager.lab.bench.naming import device_fault
 from lift_manager.lab.bench.plan import LiftPlan
 from lift_manager.lab.bench.thread import LoopThread
-from lift_manager.lab.plant import simulated_lift
+from lift_manager.lab.plant import client_limits, simulated_lift
 from lift_manager.lab.world.truth import History, Truth, truth_of
 from lift_manager.runtime.bus import Bus
 from register_maps.words import Side, Table
@@ -71,7 +71,8 @@ class Plant:
         async with AsyncExitStack() as stack:
             for endpoint in ("", *source.endpoints):
                 device = _Recorded(self.face.endpoint(endpoint) if endpoint else self.face, self.look)
-                server = SimulatedController({source.unit_of(endpoint): device}, host=HOST)
+                limits = None if endpoint else client_limits(source)
+                server = SimulatedController({source.unit_of(endpoint): device}, host=HOST, limits=limits)
                 await server.start()
                 stack.push_async_callback(server.stop)
                 self.ports[endpoint] = server.port

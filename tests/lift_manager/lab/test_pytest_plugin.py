@@ -21,6 +21,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.refusals import Accepted, Refused
 from lift_manager.lift.session import EndReason
 from lift_manager.lift.state import Quality
+from register_maps.load import load
 from register_maps.words import Door, Mode, Side
 from simulator.faults import InMode, Overload, StuckDoor, WrongFloor
 from simulator.wire_faults import Access, DropRequest, LateAnswer, Target
@@ -367,6 +368,20 @@ def open_files() -> set[str]:
     """What this process has open, by number and kind."""
     links = list(Path("/proc/self/fd").iterdir())
     return {f"{link.name} {link.readlink()}" for link in links if link.is_symlink()}
+
+
+def test_a_controller_has_as_many_slots_as_its_map_says(tmp_path: Path) -> None:
+    shipped = load("generic-registers").path.read_text("utf-8")
+    (tmp_path / "one-slot.yaml").write_text(shipped.replace("link: {", "link: {max_connections: 1, ", 1), "utf-8")
+    with Bench([{"name": "lift", "map": "./one-slot.yaml"}], near=tmp_path, folder=tmp_path) as bench:
+        port = bench.simulator().port
+        with socket.create_connection(("127.0.0.1", port)) as first:
+            first.sendall(CAR_FLOOR)
+            assert first.recv(256)[-2:] == b"\x00\x01"
+            with socket.create_connection(("127.0.0.1", port)) as second, pytest.raises(ConnectionResetError):
+                second.recv(1)
+            first.sendall(CAR_FLOOR)
+            assert first.recv(256)[-2:] == b"\x00\x01"
 
 
 def test_nothing_is_left_of_a_bench(tmp_path: Path) -> None:

@@ -131,6 +131,12 @@ def test_a_word_after_the_end_clears_the_car_once() -> None:
     assert refused(after.record, RideWord.LEFT, sight()) == "the ride is over, it is gave_up: too late"
 
 
+def test_a_robot_that_repeats_its_last_word_learns_that_it_was_taken() -> None:
+    over = ride(Phase.DONE, has_entered=True, could_exit_at="L3")
+    after = taken(over, RideWord.LEFT, sight())
+    assert (after.record, after.actions) == (over, ())
+
+
 @each_row("word", [RideWord.ENTERED, RideWord.HERE])
 @each_row("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
 def test_other_words_after_the_end_make_no_sense(phase: Phase, word: RideWord) -> None:
