@@ -17,6 +17,10 @@ _GET, _POST, _FILE = ("GET",), ("POST",), ("GET", "HEAD")
 _SITE = "/api/v1/sites/{site}"
 
 ROUTES: tuple[Route, ...] = (
+    Route(_GET, "/", AccessLevel.NOTHING),
+    Route(_FILE, "/page/{path:path}", AccessLevel.NOTHING),
+    Route(_FILE, "/hub/{path:path}", AccessLevel.NOTHING),
+    Route(_GET, "/errors", AccessLevel.NOTHING),
     Route(_GET, "/docs", AccessLevel.NOTHING),
     Route(_FILE, "/docs/{path:path}", AccessLevel.NOTHING),
     Route(_GET, "/redoc", AccessLevel.NOTHING),
