@@ -379,7 +379,7 @@ async def _serve(hub: Hub, settings: HttpSettings, keys: KeyFile, sock: socket) 
     where = f"{'http' if tls is None else 'https'}://{host}:{port}"
 
     def ready() -> None:
-        out.print(f"hub: {counted(len(hub.registry.sites), 'site')} on {where}/docs", highlight=False)
+        out.print(f"hub: {counted(len(hub.registry.sites), 'site')} on {where}", highlight=False)
 
     web = make_hub_app(hub, keys, host_names=(settings.host, *settings.host_names))
     async with asyncio.TaskGroup() as tasks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Literal
 
 from pydantic import AwareDatetime, Field
@@ -10,11 +11,16 @@ from lift_manager.api.fields import Answer, RequestModel, Seconds, ShortName, Wo
 from lift_manager.api.roles import AccessLevel, LiftIn, Route
 from lift_manager.hub.messages import RemoteLift, RemoteRide
 from lift_manager.hub.remote_site import SiteState
+from lift_manager.hub.rows import StoredEvent
 
 _GET, _POST, _FILE = ("GET",), ("POST",), ("GET", "HEAD")
 _SITE = "/api/v1/sites/{site}"
 
 ROUTES: tuple[Route, ...] = (
+    Route(_GET, "/", AccessLevel.NOTHING),
+    Route(_FILE, "/page/{path:path}", AccessLevel.NOTHING),
+    Route(_FILE, "/hub/{path:path}", AccessLevel.NOTHING),
+    Route(_GET, "/errors", AccessLevel.NOTHING),
     Route(_GET, "/docs", AccessLevel.NOTHING),
     Route(_FILE, "/docs/{path:path}", AccessLevel.NOTHING),
     Route(_GET, "/redoc", AccessLevel.NOTHING),
@@ -23,9 +29,12 @@ ROUTES: tuple[Route, ...] = (
     Route(_GET, "/healthz", AccessLevel.NOTHING),
     Route(_GET, "/readyz", AccessLevel.NOTHING),
     Route(_GET, "/metrics", AccessLevel.READ),
+    Route(("GET", "POST"), "/api/v1/login", AccessLevel.READ),
+    Route(_POST, "/api/v1/logout", AccessLevel.READ),
     Route(_GET, "/api/v1/sites", AccessLevel.READ),
     Route(_GET, "/api/v1/events", AccessLevel.READ),
     Route(_GET, _SITE, AccessLevel.READ),
+    Route(_GET, f"{_SITE}/events", AccessLevel.READ),
     Route(_POST, f"{_SITE}/off", AccessLevel.OPERATE),
     Route(_POST, f"{_SITE}/on", AccessLevel.OPERATE),
     Route(_POST, f"{_SITE}/tickets", AccessLevel.COMMAND, LiftIn.BODY),
@@ -112,6 +121,43 @@ class Lost(Answer):
 
     event: Literal["lost"] = "lost"
     text: str
+
+
+class SiteEvent(Answer):
+    """An event of a site as people read it: without what is for programs alone, such as the maps of a row about a start."""
+
+    number: int = Field(
+        description="The number of the event in the database of the hub; newer events have higher ones."
+    )
+    event: Literal["row", "gap", "site", "update"]
+    at: int | None = Field(
+        default=None,
+        description="Microseconds since 1970, of a row on the clock of the site, else on that of the hub; null where it is not known.",
+    )
+    kind: str = Field(default="", description="Of a row: what it is about.")
+    lift: str = Field(default="", description="Of a row; empty where it concerns the whole site.")
+    caller: str = Field(default="", description="Of a row.")
+    text: str = ""
+    state: str = Field(default="", description="Of a `site` event.")
+    first: int | None = Field(default=None, description="Of a gap: the number of the first row that is missing.")
+    last: int | None = Field(default=None, description="The number of the last one.")
+    update: int | None = Field(default=None, description="Of an `update` event: the number of the update.")
+    progress: str = Field(default="", description="How far the site is with it.")
+
+    @classmethod
+    def of(cls, stored: StoredEvent) -> SiteEvent:
+        """Return an event that the hub has stored."""
+        found = json.loads(stored.text)
+        update = found.pop("number", None)
+        known = {name: found[name] for name in cls.model_fields if name in found}
+        return cls(number=stored.number, update=update, **known)
+
+
+class SiteEventsAnswer(Answer):
+    """The newest events of a site, the newest first."""
+
+    site: str
+    events: tuple[SiteEvent, ...]
 
 
 class SwitchOffRequest(RequestModel):

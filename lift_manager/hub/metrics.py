@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from prometheus_client import CollectorRegistry, PlatformCollector, ProcessCollector, generate_latest
 from prometheus_client.openmetrics.exposition import generate_latest as generate_open_metrics
@@ -16,8 +16,10 @@ from lift_manager.plain.version import running_version
 class HubMetrics:
     """Answers scrapes from memory: no site is contacted for them."""
 
-    def __init__(self, hub: Hub) -> None:
+    def __init__(self, hub: Hub, refusals: Mapping[str, int]) -> None:
+        """`refusals` counts requests that were refused, by code."""
         self._hub = hub
+        self._refusals = refusals
         self._registry = CollectorRegistry()
         for collector in (ProcessCollector(registry=None), PlatformCollector(registry=None)):
             self._registry.register(collector)
@@ -61,4 +63,7 @@ class HubMetrics:
                 live.add(labels, remote.news.live)
             if (count := remote.rows_behind) is not None:
                 behind.add(labels, count)
-        yield from (build, up, state, age, lifts, live, behind, rows, unreadable)
+        refused = Family("lift_manager_hub_refusals_total", Kind.COUNTER, "Requests that the hub refused, by code.")
+        for code, count in self._refusals.items():
+            refused.add(format_labels(code=code), count)
+        yield from (build, up, state, age, lifts, live, behind, rows, unreadable, refused)

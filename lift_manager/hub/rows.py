@@ -124,6 +124,11 @@ class RowStore:
             return self._read_number("SELECT max(id) FROM pruned")
         return self._read_number("SELECT id FROM pruned WHERE site = ?", site)
 
+    def newest_of(self, site: str, most: int) -> Sequence[StoredEvent]:
+        """Return the newest events of a site, the newest first, without the data of rows: a row may have much of it."""
+        query = "SELECT id, name, json_remove(event, '$.data') FROM events WHERE site = ? ORDER BY id DESC LIMIT ?"
+        return [StoredEvent(*row) for row in self._connection.execute(query, (site, most))]
+
     def newest(self) -> int:
         """Return the number of the newest event; 0 if there is none."""
         return self._read_number("SELECT max(id) FROM events")

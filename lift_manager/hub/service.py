@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import sqlite3
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -103,6 +104,10 @@ class Hub:
         """Return the rows, for a reader of its own; once `run` runs."""
         return RowStore(self.folder.rows)
 
+    async def newest_events(self, site: str, most: int) -> Sequence[StoredEvent]:
+        """Return the newest events of a site, the newest first, without the data of rows; while `run` runs."""
+        return await self._in_thread(lambda: self._store.newest_of(site, most))
+
     @contextmanager
     def listen(self, receive: Receive) -> Iterator[None]:
         """Pass on every event for as long as the context lasts."""
@@ -139,8 +144,10 @@ class Hub:
         return offer.model_dump_json().encode()
 
     async def _record(self, site: str, event: dict[str, object]) -> None:
+        """Store and pass on an event of the hub itself, with the time of its own clock."""
+        timed = {**event, "at": time.time_ns() // 1000}
         try:
-            await self._add(site, lambda: [self._store.add_event(site, event)])
+            await self._add(site, lambda: [self._store.add_event(site, timed)])
         except sqlite3.Error as error:
             _log.error("%s: %s cannot be stored: %s", site, event["event"], error)
 

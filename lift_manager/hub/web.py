@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Annotated
@@ -12,9 +12,8 @@ from fastapi import APIRouter, Depends, FastAPI, Header, Query, Request
 from pydantic.json_schema import SkipJsonSchema
 from starlette.responses import JSONResponse, Response
 
-from lift_manager.api.keys import Key, Keys
+from lift_manager.api.keys import Keys
 from lift_manager.api.logins import Logins
-from lift_manager.api.roles import AccessLevel, refusal
 from lift_manager.hub.api import (
     ROUTES,
     Off,
@@ -23,6 +22,8 @@ from lift_manager.hub.api import (
     RemoteRideAnswer,
     RemoteRidesAnswer,
     RemoteSiteInfo,
+    SiteEvent,
+    SiteEventsAnswer,
     SitesAnswer,
     SwitchedAnswer,
     SwitchOffRequest,
@@ -30,16 +31,19 @@ from lift_manager.hub.api import (
 )
 from lift_manager.hub.commands import read_action
 from lift_manager.hub.errors import BadReply, FolderUnusable, SiteRefused, SiteSilent
+from lift_manager.hub.face_log import HubFaceLog
 from lift_manager.hub.feed import EVENT_ID, HubFeed
 from lift_manager.hub.messages import BeginRide, CancelRide, CommandMessage, CommandResult, SignedCommand, Ticket
 from lift_manager.hub.metrics import HubMetrics
+from lift_manager.hub.page import add_page
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.service import Hub
 from lift_manager.plain.version import running_version
-from lift_manager.runtime.refusals import FaceRefusal
+from lift_manager.web import login
 from lift_manager.web.app import LastResort, add_error_replies
 from lift_manager.web.authenticator import AllowedRequests, Authenticator, caller_key
 from lift_manager.web.body import quoted
+from lift_manager.web.callers import admission_check, forbid_foreign_page, refuse_foreign_lifts
 from lift_manager.web.error_codes import CODES
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events.readers import OpenStreams
@@ -48,7 +52,7 @@ from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access, in_path, problems
-from lift_manager.web.origin import is_from_another_site, is_from_this_computer
+from lift_manager.web.origin import is_from_this_computer
 from lift_manager.web.query import require_once
 from lift_manager.web.replies import NO_STORE
 
@@ -89,17 +93,15 @@ def make_hub_app(hub: Hub, keys: Keys, *, streams: int | None = None, host_names
     app.state.hub, app.state.keys = hub, keys
     app.state.places = OpenStreams(streams or streams_limit())
     app.state.feed = HubFeed(hub, app.state.places)
-    app.state.metrics = HubMetrics(hub)
-    app.state.refusals = Counter[str]()
-
-    def count(refused: FaceRefusal) -> None:
-        app.state.refusals[refused.code] += 1
-
-    authenticator = Authenticator(ROUTES, Logins(keys), keys, count, host_names)
+    face_log = app.state.face_log = HubFaceLog()
+    app.state.metrics = HubMetrics(hub, face_log.refusals)
+    logins = app.state.logins = Logins(keys)
+    authenticator = Authenticator(ROUTES, logins, keys, face_log.turned_away, host_names)
     app.add_middleware(AllowedRequests, authenticator=authenticator)
     app.add_middleware(LastResort)
     add_docs(app)
-    app.router.routes.extend(router.routes)
+    add_page(app)
+    app.router.routes.extend((*router.routes, *login.router.routes))
     for path, endpoint in (("/healthz", _healthz), ("/readyz", _readyz), ("/metrics", _metrics)):
         app.add_api_route(path, endpoint, methods=["GET"], tags=["health"], response_class=Response)
     describe_access(app, ROUTES, keys)
@@ -142,24 +144,11 @@ async def _remote(site: SiteName, request: Request) -> RemoteSite:
 Remote = Annotated[RemoteSite, Depends(_remote)]
 
 
-async def _change(request: Request) -> None:
-    """Refuse a request that changes something from a web page of another site; a dependency."""
-    if is_from_another_site(request):
-        raise RequestError("another_site", "a web page of another site sent the request; only programs may")
-
-
 async def _person(request: Request) -> None:
     """Refuse an operator action without a key from another computer; a dependency."""
     if caller_key(request) is None and not is_from_this_computer(request):
         text = "this hub has no keys to identify people, so only a program on its own computer may send this; make keys with `lift-manager hub keys make`"
         raise RequestError("other_computer", text)
-
-
-def _require_lifts(request: Request, lifts: Sequence[str]) -> None:
-    """Raise RequestError if the key of a robot does not name all of these lifts of sites."""
-    key = caller_key(request)
-    if key is not None and (why := refusal(key.role, key.lifts, AccessLevel.COMMAND, lifts)):
-        raise RequestError("not_allowed", why)
 
 
 def _lifts_at(request: Request, site: str) -> tuple[str, ...]:
@@ -194,11 +183,32 @@ async def one_site(site: SiteName, request: Request) -> RemoteSiteInfo:
     return _info(hub, site)
 
 
+@router.get(
+    "/sites/{site}/events",
+    summary="The newest events of a site",
+    tags=["events"],
+    responses=problems("unknown_site", "malformed"),
+)
+async def site_events(
+    site: SiteName,
+    request: Request,
+    most: Annotated[int, Query(ge=1, le=200, description="How many at most.")] = 100,
+) -> SiteEventsAnswer:
+    """From the database of the hub, the newest first, also of a site that is cut off or switched off; for people who look into it.
+
+    `GET /api/v1/events` has all of every row, and continues without a gap.
+    """
+    hub = _hub_of(request)
+    _require_site(hub, site)
+    require_once(request, "most")
+    return SiteEventsAnswer(site=site, events=tuple(map(SiteEvent.of, await hub.newest_events(site, most))))
+
+
 @router.post(
     "/sites/{site}/off",
     summary="Switch a site off",
     tags=["sites"],
-    dependencies=[Depends(_change), Depends(_person)],
+    dependencies=[Depends(forbid_foreign_page), Depends(_person)],
     responses=problems("unknown_site", "not_now", "another_site", "too_long", "malformed"),
 )
 async def off(site: SiteName, request: Request, body: SwitchOffRequest) -> SwitchedAnswer:
@@ -212,7 +222,7 @@ async def off(site: SiteName, request: Request, body: SwitchOffRequest) -> Switc
     "/sites/{site}/on",
     summary="Switch a site on",
     tags=["sites"],
-    dependencies=[Depends(_change), Depends(_person)],
+    dependencies=[Depends(forbid_foreign_page), Depends(_person)],
     responses=problems("unknown_site", "not_now", "another_site", "too_long", "malformed"),
 )
 async def on(site: SiteName, request: Request, body: SwitchOnRequest) -> SwitchedAnswer:
@@ -282,7 +292,7 @@ async def one_ride(ride: RideId, site: Remote) -> RemoteRideAnswer:
     "/sites/{site}/rides",
     summary="Begin a ride",
     tags=["rides"],
-    dependencies=[Depends(_change)],
+    dependencies=[Depends(forbid_foreign_page)],
     responses=problems(*_COMMAND_CODES, "unknown_floor", "key_reused", "too_many", "not_now"),
 )
 async def begin_ride(site: Remote, request: Request, body: SignedCommand) -> CommandResult:
@@ -291,7 +301,7 @@ async def begin_ride(site: Remote, request: Request, body: SignedCommand) -> Com
         action = read_action(body.action)
         if not isinstance(action, BeginRide):
             raise RequestError("malformed", "action: what must be `ride`", field="action")
-        _require_lifts(request, [f"{site.id}/{action.body.lift}"])
+        refuse_foreign_lifts(request, [f"{site.id}/{action.body.lift}"])
         return await site.command(CommandMessage(lift="", command=body))
 
 
@@ -299,7 +309,7 @@ async def begin_ride(site: Remote, request: Request, body: SignedCommand) -> Com
     "/sites/{site}/rides/{ride}/cancel",
     summary="Cancel a ride",
     tags=["rides"],
-    dependencies=[Depends(_change)],
+    dependencies=[Depends(forbid_foreign_page)],
     responses=problems(*_COMMAND_CODES, "unknown_ride", "not_your_ride", "not_now"),
 )
 async def cancel_ride(ride: RideId, site: Remote, request: Request, body: SignedCommand) -> CommandResult:
@@ -308,7 +318,7 @@ async def cancel_ride(ride: RideId, site: Remote, request: Request, body: Signed
         action = read_action(body.action)
         if not isinstance(action, CancelRide) or action.ride != ride:
             raise RequestError("malformed", f"action: it must be a `cancel_ride` of {quoted(ride)}", field="action")
-        _require_lifts(request, _lifts_at(request, site.id))
+        refuse_foreign_lifts(request, _lifts_at(request, site.id))
         return await site.command(CommandMessage(lift="", command=body))
 
 
@@ -316,12 +326,12 @@ async def cancel_ride(ride: RideId, site: Remote, request: Request, body: Signed
     "/sites/{site}/tickets",
     summary="A ticket for one command",
     tags=["commands"],
-    dependencies=[Depends(_change)],
+    dependencies=[Depends(forbid_foreign_page)],
     responses=problems("unknown_site", "site_silent", "monitor_only", "another_site", "bad_reply"),
 )
 async def tickets(site: Remote, request: Request) -> Ticket:
     """Issued by the site, and good for one command within 2 s on its clock: so a command that was held up on its way does nothing."""
-    _require_lifts(request, _lifts_at(request, site.id))
+    refuse_foreign_lifts(request, _lifts_at(request, site.id))
     with _site_errors():
         return await site.ticket()
 
@@ -330,7 +340,7 @@ async def tickets(site: Remote, request: Request) -> Ticket:
     "/sites/{site}/lifts/{lift}/commands",
     summary="Command a lift",
     tags=["commands"],
-    dependencies=[Depends(_change)],
+    dependencies=[Depends(forbid_foreign_page)],
     responses=problems(*_COMMAND_CODES),
 )
 async def command(lift: LiftName, site: Remote, body: SignedCommand) -> CommandResult:
@@ -367,14 +377,9 @@ async def events(
     given = last_event_id or after
     if given and EVENT_ID.fullmatch(given) is None:
         raise RequestError("malformed", "last_event_id must be the id of an event, or 0", field="last_event_id")
-    key, keys = caller_key(request), request.app.state.keys
     feed: HubFeed = request.app.state.feed
-    open_reader = partial(feed.reader, site, given or None, _admits(keys, key))
-    return EventStream(request.app.state.places, open_reader, key)
-
-
-def _admits(keys: Keys, key: Key | None) -> Callable[[], bool]:
-    return partial(keys.admits, key)
+    open_reader = partial(feed.reader, site, given or None, admission_check(request))
+    return EventStream(request.app.state.places, open_reader, caller_key(request))
 
 
 def _info(hub: Hub, site: str) -> RemoteSiteInfo:

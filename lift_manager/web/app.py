@@ -96,6 +96,7 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     add_error_replies(app)
     keys = keys or KeyRing()
     app.state.site, app.state.keys, app.state.simulated = site, keys, frozenset(simulated)
+    app.state.face_log = site
     logins = app.state.logins = Logins(keys)
     app.state.streams = events.Streams(site, frames, streams or streams_limit())
     app.state.lift_texts = LiftTexts(site)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Annotated, Protocol
 
 from fastapi import Depends, Request
 
 from lift_manager.api.keys import Keys
+from lift_manager.api.logins import Logins
 from lift_manager.api.roles import AccessLevel, refusal
 from lift_manager.lift.session import Holder
+from lift_manager.runtime.refusals import FaceRefusal
 from lift_manager.runtime.site import Site
-from lift_manager.web.authenticator import caller_key, face_refusal
+from lift_manager.web.authenticator import caller_key, caller_login, face_refusal
 from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import is_from_another_site, is_from_this_computer
 
@@ -23,6 +26,30 @@ ROBOT_SEPARATOR = "/"
 """Separates the names of a key and a robot; `lift-manager keys make` does not allow it in the name of a key."""
 
 FOREIGN_PAGE = "a web page of another site sent the request"
+
+
+class FaceLog(Protocol):
+    """Where a face writes down what it decides about its callers by itself: the journal of a site, or the log of a hub."""
+
+    def turned_away(self, who: FaceRefusal) -> None:
+        """Write down a request that the face refused."""
+        ...
+
+    def logged_in(self, key: str, address: str, *, ended: bool = False) -> None:
+        """Write down that a browser logged in with this key, or out."""
+        ...
+
+
+def face_log_of(request: Request) -> FaceLog:
+    """Return where the application writes down refusals and logins."""
+    log: FaceLog = request.app.state.face_log
+    return log
+
+
+def logins_of(request: Request) -> Logins:
+    """Return the logins of the browsers that use the application."""
+    logins: Logins = request.app.state.logins
+    return logins
 
 
 def site_of(request: Request) -> Site:
@@ -47,7 +74,7 @@ async def forbid_foreign_page(request: Request) -> None:
 def refuse_foreign_page(request: Request, lift: str) -> None:
     """Raise RequestError for a request from a web page of another site; `lift` is the lift that it concerns, if any."""
     if is_from_another_site(request):
-        site_of(request).turned_away(face_refusal(request, "another_site", FOREIGN_PAGE, lift))
+        face_log_of(request).turned_away(face_refusal(request, "another_site", FOREIGN_PAGE, lift))
         raise RequestError("another_site", f"{FOREIGN_PAGE}; only programs and this manager's own may")
 
 
@@ -65,12 +92,21 @@ async def forbid_other_computer(request: Request) -> None:
     )
 
 
+def admission_check(request: Request) -> Callable[[], bool]:
+    """Return a function that checks whether the login or the key of the caller is still valid, for as long as its event stream is open."""
+    login, logins = caller_login(request), logins_of(request)
+    if login is not None:
+        return partial(logins.is_live, login)
+    keys: Keys = request.app.state.keys
+    return partial(keys.admits, caller_key(request))
+
+
 def refuse_foreign_lifts(request: Request, lifts: Sequence[str]) -> None:
     """Raise RequestError if the key of a robot does not name all of these lifts."""
     key = caller_key(request)
     if key is not None and (why := refusal(key.role, key.lifts, AccessLevel.COMMAND, lifts)):
         about = f"the key {key.name} may not do this"
-        site_of(request).turned_away(face_refusal(request, "not_allowed", about, "".join(lifts[:1])))
+        face_log_of(request).turned_away(face_refusal(request, "not_allowed", about, "".join(lifts[:1])))
         raise RequestError("not_allowed", why)
 
 

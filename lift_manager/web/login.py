@@ -6,9 +6,9 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, Request, Response
 
-from lift_manager.api.logins import Login, LoginAnswer, Logins
+from lift_manager.api.logins import Login, LoginAnswer
 from lift_manager.web.authenticator import caller_key, caller_login, cookie_name
-from lift_manager.web.callers import forbid_foreign_page, site_of
+from lift_manager.web.callers import face_log_of, forbid_foreign_page, logins_of
 from lift_manager.web.errors import RequestError
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import EVERY_CHANGE, problems
@@ -35,12 +35,11 @@ router = APIRouter(prefix="/api/v1", tags=[TAG], route_class=JsonRoute, strict_c
 
 def _answer(request: Request, login: Login | None) -> LoginAnswer:
     key = caller_key(request)
-    logins: Logins = request.app.state.logins
     return LoginAnswer(
         key=None if key is None else key.name,
         role=None if key is None else key.role,
         csrf=None if login is None else login.csrf,
-        ends_in_s=None if login is None else logins.remaining_s(login),
+        ends_in_s=None if login is None else logins_of(request).remaining_s(login),
     )
 
 
@@ -64,9 +63,9 @@ async def log_in(request: Request, response: Response) -> LoginAnswer:
     key = caller_key(request)
     if key is None:
         return _answer(request, None)
-    logins: Logins = request.app.state.logins
+    logins = logins_of(request)
     token, login = logins.begin(key)
-    site_of(request).logged_in(key.name, _address(request))
+    face_log_of(request).logged_in(key.name, _address(request))
     _set_cookie(request, response, token.reveal(), logins.remaining_s(login))
     return _answer(request, login)
 
@@ -80,10 +79,9 @@ async def log_in(request: Request, response: Response) -> LoginAnswer:
 )
 async def log_out(request: Request, response: Response) -> LoginAnswer:
     """Ends this login, and its event streams within a second. A body is not looked at."""
-    logins: Logins = request.app.state.logins
     if (login := caller_login(request)) is not None:
-        logins.end(login)
-        site_of(request).logged_in(login.key.name, _address(request), ended=True)
+        logins_of(request).end(login)
+        face_log_of(request).logged_in(login.key.name, _address(request), ended=True)
         _set_cookie(request, response, "", 0.0)
     return LoginAnswer(key=None, role=None, csrf=None, ends_in_s=None)
 

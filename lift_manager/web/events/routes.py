@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any
 
@@ -11,13 +10,12 @@ from pydantic.json_schema import SkipJsonSchema
 from starlette.responses import Response
 
 from lift_manager.api.events import Links
-from lift_manager.api.keys import Keys
 from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
-from lift_manager.web.authenticator import caller_key, caller_login
+from lift_manager.web.authenticator import caller_key
 from lift_manager.web.body import quoted
-from lift_manager.web.callers import ServedSite, forbid_other_computer
+from lift_manager.web.callers import ServedSite, admission_check, forbid_other_computer
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events.feed import Feed, StreamScope
 from lift_manager.web.events.frames import FrameFeed
@@ -149,7 +147,7 @@ async def events(
     streams: Streams = request.app.state.streams
     # the header is newer: a client that reconnects sends the same address again
     open_reader = partial(
-        streams.events.reader, StreamScope(lift, ride), last_event_id or after or None, _key_check(request)
+        streams.events.reader, StreamScope(lift, ride), last_event_id or after or None, admission_check(request)
     )
     return EventStream(streams.places, open_reader, caller_key(request))
 
@@ -192,13 +190,6 @@ async def frames(
     if streams.frames is None or link not in streams.links:
         text = f"no link {quoted(link)}; the links are {', '.join(streams.links) or 'none'}"
         raise RequestError("unknown_link", text)
-    return EventStream(streams.places, partial(streams.frames.reader, link, _key_check(request)), caller_key(request))
-
-
-def _key_check(request: Request) -> Callable[[], bool]:
-    """Return a function that checks whether the login or the key of the caller is still valid."""
-    login, logins = caller_login(request), request.app.state.logins
-    if login is not None:
-        return partial(logins.is_live, login)
-    keys: Keys = request.app.state.keys
-    return partial(keys.admits, caller_key(request))
+    return EventStream(
+        streams.places, partial(streams.frames.reader, link, admission_check(request)), caller_key(request)
+    )

@@ -71,7 +71,7 @@ def test_a_hub_serves_https_with_the_certificate_of_its_settings(folder: Path, t
     port = settings(folder, tls={"certificate": str(shown.certificate), "key": str(shown.key)})
     context = ssl.create_default_context(cafile=authority.file)
     with running("hub", cwd=folder.parent) as hub:
-        hub.says(rf"hub: 0 sites on https://127.0.0.1:{port}/docs")
+        hub.says(rf"hub: 0 sites on https://127.0.0.1:{port}\n")
         url = f"https://127.0.0.1:{port}"
         assert httpx.get(f"{url}/readyz", verify=context).json() == {"ready": True, "sites": 0, "online": 0}
         before = (folder / "nats.pid").read_text()

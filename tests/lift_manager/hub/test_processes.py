@@ -127,7 +127,7 @@ def test_the_how_to_starts_a_hub_and_a_site_and_commands_its_lift(tmp_path: Path
         assert "carry hub/sites/berlin" in done(add, cwd=tmp_path)
         shutil.move(tmp_path / "hub" / "sites" / "berlin", tmp_path / "berlin")
         hub = start(*words(serve_hub), cwd=tmp_path)
-        hub.says(rf"hub: 1 site on {url}/docs")
+        hub.says(rf"hub: 1 site on {url}\n")
         assert "WARNING" not in hub.err
         start("simulate", "generic-registers", "--port", str(plc_port), "--floors", "L1=1,L2=2")
         change_folder, start_leaf = leaf.split(" && ")
