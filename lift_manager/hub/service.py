@@ -224,7 +224,8 @@ class Hub:
         for site, entry in registry.sites.items():
             if entry.switch is not None and (site not in before or before[site].switch != entry.switch):
                 word = SiteState.OFF.value if entry.switch.is_off else "on"
-                await self.announce(site, word, f"switched by {entry.switch.by} {entry.switch.reason}".rstrip())
+                by = f"switched {'off' if entry.switch.is_off else 'on'} by {entry.switch.by}"
+                await self.announce(site, word, f"{by}: {entry.switch.reason}" if entry.switch.reason else by)
         _log.info("the sites have changed; there are %d now", len(registry.sites))
 
 
