@@ -43,7 +43,7 @@ from lift_manager.web import login
 from lift_manager.web.app import LastResort, add_error_replies
 from lift_manager.web.authenticator import AllowedRequests, Authenticator, caller_key
 from lift_manager.web.body import quoted
-from lift_manager.web.callers import admission_check, forbid_foreign_page, refuse_foreign_lifts
+from lift_manager.web.callers import admission_check, forbid_foreign_page, refuse_foreign_lifts, refuse_other_computer
 from lift_manager.web.error_codes import CODES
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events.readers import OpenStreams
@@ -52,7 +52,6 @@ from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access, in_path, problems
-from lift_manager.web.origin import is_from_this_computer
 from lift_manager.web.query import require_once
 from lift_manager.web.replies import NO_STORE
 
@@ -146,9 +145,11 @@ Remote = Annotated[RemoteSite, Depends(_remote)]
 
 async def _person(request: Request) -> None:
     """Refuse an operator action without a key from another computer; a dependency."""
-    if caller_key(request) is None and not is_from_this_computer(request):
-        text = "this hub has no keys to identify people, so only a program on its own computer may send this; make keys with `lift-manager hub keys make`"
-        raise RequestError("other_computer", text)
+    refuse_other_computer(
+        request,
+        "this hub has no keys to identify people, so only a program on its own computer may send this; make keys with"
+        " `lift-manager hub keys make`",
+    )
 
 
 def _lifts_at(request: Request, site: str) -> tuple[str, ...]:

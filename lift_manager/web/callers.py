@@ -80,16 +80,22 @@ def refuse_foreign_page(request: Request, lift: str) -> None:
 
 async def forbid_other_computer(request: Request) -> None:
     """Refuse a caller without a key from another computer, for operator actions and tools; a dependency."""
-    if caller_key(request) is not None or is_from_this_computer(request):
-        return
-    about = "an operator action without a key, from another computer or through a proxy"
-    site_of(request).turned_away(face_refusal(request, "other_computer", about, request.path_params.get("lift", "")))
-    raise RequestError(
-        "other_computer",
+    refuse_other_computer(
+        request,
         "this site has no keys to identify people, so only a program on the manager's own computer may send this, to"
         " 127.0.0.1 or the address that the manager listens on, and not through a proxy; use the command line there, or"
         " make keys with `lift-manager keys make`",
     )
+
+
+def refuse_other_computer(request: Request, text: str) -> None:
+    """Raise RequestError, with this text, for a caller without a key from another computer."""
+    if caller_key(request) is not None or is_from_this_computer(request):
+        return
+    about = "an operator action without a key, from another computer or through a proxy"
+    refused = face_refusal(request, "other_computer", about, request.path_params.get("lift", ""))
+    face_log_of(request).turned_away(refused)
+    raise RequestError("other_computer", text)
 
 
 def admission_check(request: Request) -> Callable[[], bool]:

@@ -61,3 +61,17 @@ def test_a_browser_logs_in_at_a_hub_and_acts_as_its_key_with_the_token_of_its_lo
                     assert f'lift_manager_hub_refusals_total{{code="{code}"}} 1\n' in scraped.text
 
     asyncio.run(main())
+
+
+def test_a_hub_without_keys_counts_whom_it_refuses_because_nobody_knows_who_it_is(tmp_path: Path) -> None:
+    async def main() -> None:
+        with fake_hub(tmp_path, "berlin") as hub:
+            app = make_hub_app(hub, KeyRing())
+            elsewhere = httpx.ASGITransport(app, client=("192.0.2.7", 1))
+            async with httpx.AsyncClient(transport=elsewhere, base_url=HERE) as program:
+                refused = await program.post("/api/v1/sites/berlin/off", json=OFF)
+                assert refused.json()["code"] == "other_computer"
+                scraped = await program.get("/metrics")
+                assert 'lift_manager_hub_refusals_total{code="other_computer"} 1\n' in scraped.text
+
+    asyncio.run(main())
