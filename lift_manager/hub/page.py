@@ -6,16 +6,12 @@ from pathlib import Path
 
 from fastapi import FastAPI
 
-from lift_manager.web.errors_page import error_document
-from lift_manager.web.page import FOLDER as SITE_PAGE
-from lift_manager.web.page import Document, PageFiles
+from lift_manager.web.page import PageFiles, add_page
 
 FOLDER = Path(__file__).with_name("page")
 
 
-def add_page(app: FastAPI) -> None:
+def add_hub_page(app: FastAPI) -> None:
     """Serve the page."""
-    app.add_api_route("/", Document((FOLDER / "index.html").read_bytes()), include_in_schema=False)
-    app.add_api_route("/errors", Document(error_document().encode()), include_in_schema=False)
+    add_page(app, {"/": FOLDER / "index.html"})
     app.mount("/hub", PageFiles(directory=FOLDER))
-    app.mount("/page", PageFiles(directory=SITE_PAGE))

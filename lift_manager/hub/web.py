@@ -35,7 +35,7 @@ from lift_manager.hub.face_log import HubFaceLog
 from lift_manager.hub.feed import EVENT_ID, HubFeed
 from lift_manager.hub.messages import BeginRide, CancelRide, CommandMessage, CommandResult, SignedCommand, Ticket
 from lift_manager.hub.metrics import HubMetrics
-from lift_manager.hub.page import add_page
+from lift_manager.hub.page import add_hub_page
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.service import Hub
 from lift_manager.plain.version import running_version
@@ -99,7 +99,7 @@ def make_hub_app(hub: Hub, keys: Keys, *, streams: int | None = None, host_names
     app.add_middleware(AllowedRequests, authenticator=authenticator)
     app.add_middleware(LastResort)
     add_docs(app)
-    add_page(app)
+    add_hub_page(app)
     app.router.routes.extend((*router.routes, *login.router.routes))
     for path, endpoint in (("/healthz", _healthz), ("/readyz", _readyz), ("/metrics", _metrics)):
         app.add_api_route(path, endpoint, methods=["GET"], tags=["health"], response_class=Response)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -28,7 +29,7 @@ HEADERS = {
     "cache-control": "no-cache",  # a new version shows at once; files are compared by their ETag
 }
 
-VIEWS = {"/": "index.html", "/wall": "wall.html", "/lobby/{lift}": "lobby.html"}
+VIEWS = {"/": FOLDER / "index.html", "/wall": FOLDER / "wall.html", "/lobby/{lift}": FOLDER / "lobby.html"}
 """The document of each path. All links are relative, so that they also work behind a proxy that adds a prefix."""
 
 
@@ -42,10 +43,10 @@ class PageFiles(StaticFiles):
         return response
 
 
-def add_page(app: FastAPI) -> None:
-    """Serve the page."""
-    for path, name in VIEWS.items():
-        app.add_api_route(path, Document((FOLDER / name).read_bytes()), include_in_schema=False)
+def add_page(app: FastAPI, views: Mapping[str, Path] = VIEWS) -> None:
+    """Serve these documents, the parts that they are made of, and the page of error codes."""
+    for path, file in views.items():
+        app.add_api_route(path, Document(file.read_bytes()), include_in_schema=False)
     app.add_api_route("/errors", Document(error_document().encode()), include_in_schema=False)
     app.mount("/page", PageFiles(directory=FOLDER))
 
