@@ -7,8 +7,10 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from lift_manager.cluster.term import TERM_S, Key
+from lift_manager.cluster.term import Key
 
+TERM_S = 2.0
+"""As docs/explanation/cluster.md promises. Not the manager's constant: a manager with a longer term would be judged by it."""
 LAG_S = 0.5
 """How much later observers may see a key than its owner acts on it, on a busy computer."""
 

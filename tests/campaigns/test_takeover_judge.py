@@ -2,9 +2,10 @@
 
 import pytest
 
-from lift_manager.cluster.term import TERM_S, Key
+from lift_manager.cluster.term import Key
 from tests.campaigns.takeover_judge import (
     LAG_S,
+    TERM_S,
     Answer,
     Keys,
     Passage,
