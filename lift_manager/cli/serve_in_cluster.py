@@ -12,11 +12,11 @@ from lift_manager.store.site import open_copy
 from lift_manager.takeover import ThisMachine
 
 
-def this_machine(loaded: LoadedSite, name: str | None) -> ThisMachine:
+def this_machine(loaded: LoadedSite) -> ThisMachine:
     """Open the copy of the store on this machine, or report why it cannot be used and exit with 1."""
     cluster, journal = cluster_of(loaded), loaded.site.journal
     try:
-        machine = machine_of(cluster if name is None else cluster.model_copy(update={"machine": name}))
+        machine = machine_of(cluster)
         disk = open_copy(store_path_of(loaded), loaded.site.name, Limits(journal.keep_days, journal.max_mb))
     except (ClusterError, StoreError) as error:
         raise fail(str(error)) from error
