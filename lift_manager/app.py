@@ -243,7 +243,7 @@ async def run(
                     await life.first_look()
             serving = tasks.create_task(guarded(_serve(parts, loaded, faces.keys, sock, tls, term)))
             patience_s_of = poll_patience_s(loaded, parts.links) if systemd.is_enabled else {}
-            watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts)))
+            watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts, term)))
             running.append(tasks.create_task(watching))
             ready()
             await _first_of(stop, stop if term is None else term.ends)
@@ -350,7 +350,7 @@ def _note_start(recorder: Recorder, loaded: LoadedSite, term: ActiveTerm | None)
     maps = {name: (lift.access, loaded.maps[name].map.name, loaded.maps[name].sha256) for name, lift in lifts}
     recorder.note(manager_started(running_version(), maps, loaded.checkouts))
     if term is not None:
-        recorder.note(manager_took_over(term.key.owner, term.key.epoch))
+        recorder.note(manager_took_over(term.key.owner, term.key.epoch, term.alone))
 
 
 async def warn_of_expiry(loaded: LoadedSite, *, every_s: float = WARN_EVERY_S) -> None:
@@ -400,10 +400,11 @@ def server_certificates(loaded: LoadedSite) -> ServerCertificates | None:
     )
 
 
-def _status_text(parts: ManagerParts) -> str:
+def _status_text(parts: ManagerParts, term: ActiveTerm | None) -> str:
     states = [parts.site.state(name) for name in parts.site.lift_names()]
     live = sum(state.quality is Quality.LIVE for state in states)
-    return f"{counted(len(states), 'lift')}, {live} live, {sum(parts.life.polls().values())} polls"
+    alone = "" if term is None or not term.alone else f"; {term.alone}"
+    return f"{counted(len(states), 'lift')}, {live} live, {sum(parts.life.polls().values())} polls{alone}"
 
 
 async def _serve(
@@ -423,6 +424,7 @@ async def _serve(
         host_names=(api.host, *api.host_names),
         simulated=loaded.simulated,
         announcements=loaded.announcements(),
+        alone="" if term is None else term.alone,
     )
     limits = ConnectionLimits.of(connections_limit(), api.trusted_proxies)
     if term is None:

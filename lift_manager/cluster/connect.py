@@ -31,9 +31,25 @@ def machine_of(cluster: Cluster) -> str:
     return name
 
 
-def etcd_of(cluster: Cluster, certificates: EtcdCertificates | None, *, timeout_s: float) -> Etcd:
-    """Return a client for the members."""
-    return Etcd(cluster.etcd, tls=None if certificates is None else certificates.latest, timeout_s=timeout_s)
+def etcd_of(
+    cluster: Cluster, certificates: EtcdCertificates | None, *, timeout_s: float, connect_s: float | None = None
+) -> Etcd:
+    """Return a client for the members; the times are as in `Etcd`."""
+    tls = None if certificates is None else certificates.latest
+    return Etcd(cluster.etcd, tls=tls, timeout_s=timeout_s, connect_s=connect_s)
+
+
+def members_of(cluster: Cluster, certificates: EtcdCertificates | None, *, timeout_s: float) -> list[Etcd]:
+    """Return a client for each member alone."""
+    return [
+        etcd_of(cluster.model_copy(update={"etcd": (member,)}), certificates, timeout_s=timeout_s)
+        for member in cluster.etcd
+    ]
+
+
+def other_than(cluster: Cluster, machine: str) -> str:
+    """Return the name of the other machine."""
+    return next(name for name in cluster.machines if name != machine)
 
 
 def certificates_of(cluster: Cluster, folder: Path) -> EtcdCertificates | None:

@@ -120,6 +120,8 @@ def test_three_members_go_on_without_their_leader_and_answer_nothing_without_a_m
         for _ in range(6):
             with pytest.raises(EtcdUnavailable):
                 etcd.transact([], [read("/key")])
+        own = etcd.transact([], [read("/key", local=True), read_all("/k", local=True)]).ranges
+        assert [[entry.value for entry in entries] for entries in own] == [[b"after"], [b"after"]]
         members.start(other)
         answers(members)
         (found,) = eventually(lambda: _read(etcd))
