@@ -157,6 +157,28 @@ def read_status(etcd: Etcd, place: Place) -> ClusterStatus:
     return ClusterStatus(decode_key(active), decode_head(head[0]).commit, numbers, decode_solo(solo))
 
 
+def find_active(
+    etcd: Etcd, place: Place, *, unchanged_s: float = UNCHANGED_S, look_every_s: float = LOOK_EVERY_S
+) -> str:
+    """Return in words which machine commands the lifts now; empty if none does. Raises ClusterError.
+
+    A key that has an owner and is not renewed for `unchanged_s` is that of a manager that has ended.
+    """
+    ends_at, first = time.monotonic() + unchanged_s, None
+    while first is None or time.monotonic() < ends_at:
+        active, solo = etcd.transact([], [read(place.active), read(place.solo)]).ranges
+        key, marked = decode_key(active), decode_solo(solo)
+        if marked is not None:
+            return marked.text
+        if not key.owner:
+            return ""
+        if first is not None and key.revision != first.revision:
+            return f"{key.owner} is active, at {key.address}"
+        first = key
+        time.sleep(look_every_s)
+    return ""
+
+
 def hand_over(etcd: Etcd, place: Place, by: str, *, accepted_within_s: float = ACCEPTED_WITHIN_S) -> Key:
     """Let the standby take over, and return its key. Raises ClusterError if there is none."""
     status = read_status(etcd, place)

@@ -173,6 +173,44 @@ def test_a_decision_that_cannot_be_read_starts_nothing(tmp_path: Path, members: 
     assert (refused.returncode, "is of another one" in refused.stderr) == (1, True)
 
 
+TOOLS = (
+    ("doctor", "SITE", "--seconds", "1"),
+    ("watch", "main", "--once", "--site", "SITE"),
+    ("trace", "record", "-o", "NEW", "--for", "1s", "--site", "SITE"),
+    ("poke", "main", "--site", "SITE"),
+    ("checkout", "SITE", "main", "--by", "Eve", "--technician", "Bo"),
+)
+"""Commands that talk to a controller themselves."""
+
+
+def called_tools(path: Path, *more: str) -> list[str]:
+    """What each tool prints that could not run."""
+    places = {"SITE": str(path), "NEW": str(path.parent / "new")}
+    done = [call(*[places.get(word, word) for word in tool], *more) for tool in TOOLS]
+    assert all(one.returncode in (1, 2) for one in done)
+    return [one.stderr for one in done]
+
+
+def test_no_tool_talks_to_a_controller_while_a_machine_of_the_cluster_is_active(
+    tmp_path: Path, members: Members
+) -> None:
+    path, place = site(tmp_path, members), Place(tmp_path.name)
+    alone = Solo("abc", "south", "north", "Adam", "today", 1_000_000, 0, 0)
+    etcd = Etcd(members.urls, timeout_s=5.0)
+    etcd.transact([], [put(place.solo, encode_solo(alone))])
+    etcd.close()
+    for printed in called_tools(path):
+        assert f"{alone.text}, so nothing else may talk to the controllers" in printed
+
+
+def test_a_tool_needs_a_word_of_its_own_where_etcd_does_not_answer(tmp_path: Path, members: Members) -> None:
+    path = site(tmp_path, members, etcd=["http://127.0.0.1:1"])
+    for printed in called_tools(path):
+        assert "say so with --without-etcd" in printed
+    watched = call("watch", "main", "--once", "--site", path, "--without-etcd")
+    assert "etcd" not in watched.stderr
+
+
 def test_a_machine_that_is_none_of_the_two_serves_nothing(tmp_path: Path, members: Members) -> None:
     refused = call("serve", site(tmp_path, members), "--machine", "west")
     assert (refused.returncode, "the machines of the cluster are north, south" in refused.stderr) == (1, True)

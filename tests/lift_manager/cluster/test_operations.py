@@ -163,6 +163,14 @@ def test_the_status_has_the_active_machine_and_what_each_has_copied() -> None:
         operations.read_status(MemoryEtcd(), PLACE)
 
 
+def test_a_machine_is_active_while_it_renews_its_key_and_no_longer() -> None:
+    assert operations.find_active(prepared(), PLACE) == ""
+    for etcd, active in ((Renewed(), "north is active, at http://north:5003"), (MemoryEtcd(), "")):
+        etcd.transact([], [put(PLACE.active, encode_key(NORTH))])
+        assert operations.find_active(etcd, PLACE, unchanged_s=0.02, look_every_s=0.01) == active
+    assert operations.find_active(alone(), PLACE) == SOLO.text
+
+
 class Standby(MemoryEtcd):
     """Accepts a handover, and takes over, or does not."""
 
