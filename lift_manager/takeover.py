@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 from asyncio import Task
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from socket import socket
 
+from drivers.clock import boottime
 from drivers.thread import Worker
 from lift_manager import app
 from lift_manager.app import Faces, renew_certificates, server_certificates
@@ -22,6 +24,9 @@ from lift_manager.cluster.replica import Replica, copy_all
 from lift_manager.cluster.store import EtcdStore
 from lift_manager.cluster.term import ANSWER_S
 from lift_manager.config.load import LoadedSite
+from lift_manager.lift.rmf_view import rmf_alarms
+from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.lasting import LastingRmf
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreUnusable
 from lift_manager.store.site import require_known_lifts
@@ -66,8 +71,34 @@ async def run_in_cluster(
     """Serve a site on a listening socket until `stop` is set, in turn with the other machine.
 
     Returns whether the release of every output was verified when this machine was active last. Raises what `app.run` raises, and
-    ClusterUnusable.
+    ClusterUnusable. DdsError is raised at once, and not by a takeover.
     """
+    with _in_rmf(loaded, faces) as joined:
+        return await _take_turns(loaded, sock, machine, stop=stop, ready=ready, faces=joined)
+
+
+@contextmanager
+def _in_rmf(loaded: LoadedSite, faces: Faces) -> Iterator[Faces]:
+    """Join RMF, if there are settings for it, for as long as this process lasts."""
+    if faces.rmf is None:
+        yield faces
+        return
+    lasting = LastingRmf(partial(Dds, faces.rmf), rmf_alarms(loaded.site.rmf.rules), boottime)
+    try:
+        yield replace(faces, lasting_rmf=lasting)
+    finally:
+        lasting.close()
+
+
+async def _take_turns(
+    loaded: LoadedSite,
+    sock: socket,
+    machine: ThisMachine,
+    *,
+    stop: asyncio.Event,
+    ready: Callable[[], None],
+    faces: Faces,
+) -> bool:
     cluster, folder, place = cluster_of(loaded), loaded.path.parent, Place(loaded.site.name)
     address = cluster.machines[machine.name].address
     member = Member(machine.name, address, etcd_of(cluster, folder, timeout_s=ANSWER_S), place)
