@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 from zoneinfo import ZoneInfo
 
 from drivers.driver import LiftDriver
@@ -377,13 +377,21 @@ def _log_expiring(loaded: LoadedSite) -> None:
         _log.warning("%s", line)
 
 
-async def renew_certificates(tls: ServerCertificates, *, within_s: float = CHECK_WITHIN_S) -> None:
-    """Reload the certificates whenever their files change."""
+class Renewable(Protocol):
+    """Certificates whose files may change."""
+
+    def renew(self) -> None:
+        """Use the files if they have changed. Blocks."""
+        ...
+
+
+async def renew_certificates(tls: Renewable, owner: str = "api", *, within_s: float = CHECK_WITHIN_S) -> None:
+    """Reload certificates whenever their files change; `owner` is the part of the site file that names them."""
     loop = asyncio.get_running_loop()
-    message = "api: the files of `tls` do not answer within %g s, the previous certificate stays in use; check the disk that they are on"
+    message = "%s: the files of `tls` do not answer within %g s, the previous certificate stays in use; check the disk that they are on"
     while True:
         await asyncio.sleep(CHECK_EVERY_S)
-        timer = loop.call_later(within_s, _log.warning, message, within_s)
+        timer = loop.call_later(within_s, _log.warning, message, owner, within_s)
         try:
             with suppress(OSError):
                 await in_thread(tls.renew)

@@ -16,6 +16,7 @@ from drivers.clock import boottime
 from drivers.thread import Worker
 from lift_manager import app
 from lift_manager.app import Faces, renew_certificates, server_certificates
+from lift_manager.cluster.certificates import EtcdCertificates
 from lift_manager.cluster.connect import cluster_of, etcd_of
 from lift_manager.cluster.content import Place
 from lift_manager.cluster.errors import ClusterError
@@ -57,6 +58,8 @@ class ThisMachine:
     name: str
     disk: Store
     """Where records and journal are copied to."""
+    certificates: EtcdCertificates | None = None
+    """With which it talks to etcd; None without TLS."""
 
 
 async def run_in_cluster(
@@ -99,14 +102,15 @@ async def _take_turns(
     ready: Callable[[], None],
     faces: Faces,
 ) -> bool:
-    cluster, folder, place = cluster_of(loaded), loaded.path.parent, Place(loaded.site.name)
+    cluster, place, certificates = cluster_of(loaded), Place(loaded.site.name), machine.certificates
     address = cluster.machines[machine.name].address
-    member = Member(machine.name, address, etcd_of(cluster, folder, timeout_s=ANSWER_S), place)
-    replica = Replica(machine.name, etcd_of(cluster, folder, timeout_s=COPY_ANSWER_S), place, machine.disk)
+    member = Member(machine.name, address, etcd_of(cluster, certificates, timeout_s=ANSWER_S), place)
+    replica = Replica(machine.name, etcd_of(cluster, certificates, timeout_s=COPY_ANSWER_S), place, machine.disk)
     async with asyncio.TaskGroup() as tasks:
         watching = tasks.create_task(member.run())
         ended = asyncio.Event()
         copying = tasks.create_task(copy_all(replica, ended))
+        renewing = None if certificates is None else tasks.create_task(renew_certificates(certificates, "cluster"))
         ready()
         while True:
             standing_by = tasks.create_task(_stand_by(loaded, sock, member))
@@ -114,7 +118,7 @@ async def _take_turns(
             standing_by.cancel()  # nobody waits for its end: the lifts need a manager now
             released = True
             if term is not None:
-                released = await _command(loaded, sock, term, stop=stop, faces=faces)
+                released = await _command(loaded, sock, machine, term, stop=stop, faces=faces)
             await member.give_up()
             if stop.is_set():
                 break
@@ -122,6 +126,8 @@ async def _take_turns(
         ended.set()
         await asyncio.wait([copying], timeout=LAST_COPY_S)
         copying.cancel()
+        if renewing is not None:
+            renewing.cancel()
         watching.cancel()
     return released
 
@@ -172,10 +178,12 @@ async def _until_active(member: Member, stop: asyncio.Event) -> ActiveTerm | Non
         stopped.cancel()
 
 
-async def _command(loaded: LoadedSite, sock: socket, term: ActiveTerm, *, stop: asyncio.Event, faces: Faces) -> bool:
+async def _command(
+    loaded: LoadedSite, sock: socket, machine: ThisMachine, term: ActiveTerm, *, stop: asyncio.Event, faces: Faces
+) -> bool:
     """Run the manager for a term; returns whether the release of every output was verified."""
     cluster = cluster_of(loaded)
-    etcd = etcd_of(cluster, loaded.path.parent, timeout_s=ANSWER_S)
+    etcd = etcd_of(cluster, machine.certificates, timeout_s=ANSWER_S)
     store = EtcdStore(etcd, Place(loaded.site.name), term.key, cluster.machines)
     loading = Worker("lift-manager-load")
     try:

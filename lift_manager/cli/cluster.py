@@ -9,7 +9,7 @@ import typer
 
 from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, print_lines, store_path_of
 from lift_manager.cluster import operations
-from lift_manager.cluster.connect import cluster_of, etcd_of
+from lift_manager.cluster.connect import certificates_of, cluster_of, etcd_of
 from lift_manager.cluster.content import Place
 from lift_manager.cluster.errors import ClusterError
 from lift_manager.cluster.etcd import Etcd
@@ -91,7 +91,8 @@ def _cluster_machines(loaded: LoadedSite) -> list[str]:
 def _with_etcd(loaded: LoadedSite, work: Callable[[Etcd, Place], Result]) -> Result:
     """Work with the etcd of a site, or report why that is not possible and exit with 1."""
     try:
-        etcd = etcd_of(cluster_of(loaded), loaded.path.parent, timeout_s=ANSWER_S)
+        cluster = cluster_of(loaded)
+        etcd = etcd_of(cluster, certificates_of(cluster, loaded.path.parent), timeout_s=ANSWER_S)
         try:
             return work(etcd, Place(loaded.site.name))
         finally:

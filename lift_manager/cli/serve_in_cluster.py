@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lift_manager.cli.common import fail, store_path_of
-from lift_manager.cluster.connect import cluster_of, machine_of
+from lift_manager.cluster.connect import certificates_of, cluster_of, machine_of
 from lift_manager.cluster.errors import ClusterError
 from lift_manager.config.load import LoadedSite
 from lift_manager.store.errors import StoreError
@@ -12,12 +12,12 @@ from lift_manager.store.site import open_copy
 from lift_manager.takeover import ThisMachine
 
 
-def this_machine(loaded: LoadedSite, name: str | None) -> ThisMachine:
+def this_machine(loaded: LoadedSite) -> ThisMachine:
     """Open the copy of the store on this machine, or report why it cannot be used and exit with 1."""
     cluster, journal = cluster_of(loaded), loaded.site.journal
     try:
-        machine = machine_of(cluster if name is None else cluster.model_copy(update={"machine": name}))
+        machine, certificates = machine_of(cluster), certificates_of(cluster, loaded.path.parent)
         disk = open_copy(store_path_of(loaded), loaded.site.name, Limits(journal.keep_days, journal.max_mb))
     except (ClusterError, StoreError) as error:
         raise fail(str(error)) from error
-    return ThisMachine(machine, disk)
+    return ThisMachine(machine, disk, certificates)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ssl
 from base64 import b64decode, b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,10 +44,17 @@ class Result:
 class Etcd:
     """The members of one etcd cluster. Methods block; one thread at a time calls them."""
 
-    def __init__(self, members: Sequence[str], *, tls: ssl.SSLContext | None = None, timeout_s: float) -> None:
-        """`members` are the URLs of their client ports; one that is silent for `timeout_s` has not answered."""
+    def __init__(
+        self, members: Sequence[str], *, tls: Callable[[], ssl.SSLContext] | None = None, timeout_s: float
+    ) -> None:
+        """`members` are the URLs of their client ports; one that is silent for `timeout_s` has not answered.
+
+        `tls` is called for each request; once it returns another context, new connections replace the present ones.
+        """
         self._members = list(members)
         self._tls = tls
+        self._context: ssl.SSLContext | None = None
+        """That of the present connections."""
         self._timeout_s = timeout_s
         self._client: httpx.Client | None = None
 
@@ -84,9 +91,11 @@ class Etcd:
         raise EtcdUnavailable(f"etcd cannot be reached at {', '.join(unreached)}")
 
     def _send(self, url: str, body: Json) -> httpx.Response:
+        if self._tls is not None and self._context is not (context := self._tls()):
+            self.close()
+            self._context = context
         if self._client is None:
-            verify = True if self._tls is None else self._tls
-            self._client = httpx.Client(verify=verify, timeout=self._timeout_s, trust_env=False)
+            self._client = httpx.Client(verify=self._context or True, timeout=self._timeout_s, trust_env=False)
         return self._client.post(url, json=body)
 
     def _answer(self, member: str, reply: httpx.Response) -> Json:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.cluster import operations
-from lift_manager.cluster.connect import etcd_of, machine_of
+from lift_manager.cluster.connect import certificates_of, etcd_of, machine_of
 from lift_manager.cluster.content import Handover, Head, Place, decode_handover, encode_head, encode_key, encode_number
 from lift_manager.cluster.errors import ClusterUnusable
 from lift_manager.cluster.etcd import Json, Result, put, read
@@ -119,11 +119,11 @@ def test_a_machine_is_one_of_the_two_by_its_name_or_by_the_site_file(tmp_path: P
     assert machine_of(cluster) == "south"
     with pytest.raises(ClusterUnusable, match="the machines of the cluster are north, south"):
         machine_of(cluster.model_copy(update={"machine": None}))
-    etcd_of(cluster, tmp_path, timeout_s=1.0).close()
+    etcd_of(cluster, certificates_of(cluster, tmp_path), timeout_s=1.0).close()
 
 
 def test_certificates_that_are_gone_since_the_check_are_named(tmp_path: Path) -> None:
     tls = {"ca": "ca.pem", "certificate": "own.pem", "key": "own.key"}
     cluster = Cluster.model_validate({"machines": MACHINES, "etcd": ["https://127.0.0.1:2379"], "tls": tls})
     with pytest.raises(ClusterUnusable, match="cannot be used"):
-        etcd_of(cluster, tmp_path, timeout_s=1.0)
+        certificates_of(cluster, tmp_path)
