@@ -214,9 +214,7 @@ def run_round(name: str, ports: list[int], plan: Plan) -> Round:
     child.start()
     theirs.close()
     try:
-        result: Round = ours.recv()
-    except EOFError:
-        raise SystemExit(f"the round of {name} failed; its traceback is above") from None
+        result: Round = common.received(ours, child)
     finally:
         child.join()
     return result

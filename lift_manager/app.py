@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING, Protocol
@@ -37,10 +37,11 @@ from lift_manager.lift.state import Quality
 from lift_manager.metrics.metrics import Metrics
 from lift_manager.plain.text import counted
 from lift_manager.plain.version import running_version
-from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.dds import Dds, DdsListener
 from lift_manager.rmf.local_manager import LocalManager
+from lift_manager.rmf.port import Deliver
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.run import RunningAdapter
+from lift_manager.rmf.run import Rmf, RunningAdapter
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.journal import manager_ended, manager_handed_over, manager_started, manager_took_over
@@ -63,6 +64,7 @@ from register_maps.schema import LinkDefaults
 if TYPE_CHECKING:  # a manager that is alone does not load what talks to etcd, or to a hub
     from lift_manager.cluster.member import ActiveTerm
     from lift_manager.hub.site_face import HubSettings
+    from lift_manager.rmf.lasting import LastingRmf
 
 _log = logging.getLogger(__name__)
 
@@ -102,6 +104,8 @@ class Faces:
     """The hub of many sites to take part in; None for none."""
     on_frame: Callable[[WireFrame], None] | None = None
     """Receives every frame of every link, from the first one on; it must neither wait nor raise."""
+    lasting_rmf: LastingRmf | None = None
+    """The connection to the RMF domain that lasts over the terms of this machine of a cluster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +226,7 @@ async def run(
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
         parts = _tapped(_build_for(term, loaded, recorder), faces.on_frame, ends)
         systemd, life = notifier(), parts.life
-        adapter = _adapter(parts, faces.rmf, ends)
+        adapter = _adapter(parts, faces, term, ends)
         crashes: list[Exception] = []
 
         async def guarded(work: Coroutine[None, None, None]) -> None:
@@ -298,17 +302,23 @@ def _background_tasks(
             yield faces.hub.updates.run(parts.site, recorder.note, stop.set)
 
 
-def _adapter(parts: ManagerParts, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:
-    """Join Open-RMF if there are settings for it, on the running loop. Raises DdsError."""
-    if settings is None:
+def _adapter(parts: ManagerParts, faces: Faces, term: ActiveTerm | None, ends: ExitStack) -> RunningAdapter | None:
+    """Make the adapter for Open-RMF if there are settings for it. A manager that is alone joins RMF with it. Raises DdsError."""
+    if (settings := faces.rmf) is None:
         return None
+    make_rmf: Callable[[DdsListener, Deliver], Rmf] = partial(Dds, settings)
+    lasting, first_reading_s = faces.lasting_rmf, 0.0
+    if lasting is not None and term is not None:
+        make_rmf, first_reading_s = partial(lasting.attach, lambda: term.remaining_s > 0), FIRST_READING_S
     adapter = RunningAdapter(
-        lambda listener, deliver: Dds(settings, listener, deliver),
+        make_rmf,
         lambda: LocalManager(parts.site),
         use_sim_time=settings.use_sim_time,
         adapter_id=settings.adapter,
+        first_reading_s=first_reading_s,
     )
-    adapter.open()
+    if lasting is None:
+        adapter.open()
     ends.callback(adapter.close)
     parts.metrics.count_rmf(adapter.counts)
     return adapter

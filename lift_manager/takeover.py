@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 from asyncio import Task
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from socket import socket
 
+from drivers.clock import boottime
 from drivers.thread import Worker
 from lift_manager import app
 from lift_manager.app import Faces, renew_certificates, server_certificates
@@ -25,6 +27,9 @@ from lift_manager.cluster.solo_member import SoloMember
 from lift_manager.cluster.store import EtcdStore
 from lift_manager.cluster.term import ANSWER_S
 from lift_manager.config.load import LoadedSite
+from lift_manager.lift.rmf_view import rmf_alarms
+from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.lasting import LastingRmf
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import CommitFailed, StoreUnusable
 from lift_manager.store.site import require_known_lifts
@@ -88,20 +93,34 @@ async def run_in_cluster(
     """Serve a site on a listening socket until `stop` is set, in turn with the other machine, or alone if a person has decided that.
 
     Returns whether the release of every output was verified when this machine was active last. Raises what `app.run` raises, and
-    ClusterUnusable.
+    ClusterUnusable. DdsError is raised at once, and not by a takeover.
     """
     certificates = machine.certificates
-    async with asyncio.TaskGroup() as tasks:
-        renewing = None if certificates is None else tasks.create_task(renew_certificates(certificates, "cluster"))
-        ready()
-        command = partial(_command, loaded, sock, machine, stop=stop, faces=faces)
-        if machine.alone is not None:
-            released = await _run_alone(loaded, sock, machine, machine.alone, stop, command)
-        else:
-            released = await _run_as_one_of_two(loaded, sock, machine, stop, command)
-        if renewing is not None:
-            renewing.cancel()
+    with _in_rmf(loaded, faces) as joined:
+        async with asyncio.TaskGroup() as tasks:
+            renewing = None if certificates is None else tasks.create_task(renew_certificates(certificates, "cluster"))
+            ready()
+            command = partial(_command, loaded, sock, machine, stop=stop, faces=joined)
+            if machine.alone is not None:
+                released = await _run_alone(loaded, sock, machine, machine.alone, stop, command)
+            else:
+                released = await _run_as_one_of_two(loaded, sock, machine, stop, command)
+            if renewing is not None:
+                renewing.cancel()
     return released
+
+
+@contextmanager
+def _in_rmf(loaded: LoadedSite, faces: Faces) -> Iterator[Faces]:
+    """Join RMF, if there are settings for it, for as long as this process lasts."""
+    if faces.rmf is None:
+        yield faces
+        return
+    lasting = LastingRmf(partial(Dds, faces.rmf), rmf_alarms(loaded.site.rmf.rules), boottime)
+    try:
+        yield replace(faces, lasting_rmf=lasting)
+    finally:
+        lasting.close()
 
 
 async def _run_as_one_of_two(

@@ -16,8 +16,13 @@ from lift_manager.lab.bench.bench import Bench
 from lift_manager.lab.bench.plan import plan_lifts
 from lift_manager.lab.bench.simulator import LiftSimulator
 from lift_manager.lab.bench.site import site_file
+from lift_manager.plain.rmf import Alarms
+from lift_manager.rmf.lasting import LastingRmf
+from lift_manager.rmf.messages import MODE_OFFLINE
+from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.web.server import listen
+from tests.lift_manager.rmf.neighbours import FakeRmf
 from tests.support.programs import HANGS_S
 
 LIFT = {"name": "lift", "map": "generic-registers", "speed": 20.0, "clear_s": 10.0}
@@ -28,10 +33,16 @@ class Manager:
     """A running manager with a term, and the lift that it commands."""
 
     def __init__(
-        self, lift: LiftSimulator, http: httpx.AsyncClient, term: ActiveTerm, recorder: MemoryRecorder
+        self,
+        lift: LiftSimulator,
+        http: httpx.AsyncClient,
+        term: ActiveTerm,
+        recorder: MemoryRecorder,
+        lasting_rmf: LastingRmf,
     ) -> None:
         self.lift, self.term = lift, term
         self.recorder = recorder
+        self.lasting_rmf = lasting_rmf
         self.http = http
         self.running: asyncio.Task[bool] | None = None
 
@@ -47,6 +58,11 @@ class Manager:
         assert reply.json()["success"], reply.text
         await self.lift.when(lambda truth: HOLD in truth.commands, within_s=HANGS_S)
 
+    @property
+    def rmf(self) -> FakeRmf:
+        assert isinstance(self.lasting_rmf.joined, FakeRmf)
+        return self.lasting_rmf.joined
+
     async def ended(self) -> bool:
         assert self.running is not None
         return await self.running
@@ -60,13 +76,17 @@ def play(folder: Path, check: Callable[[Manager], Awaitable[None]]) -> None:
         path = folder / "site.yaml"
         path.write_text(json.dumps(site_file(plan_lifts((LIFT,), folder), {"lift": lift.ports}, folder)), "utf-8")
         stop, ready, recorder = asyncio.Event(), asyncio.Event(), MemoryRecorder()
+        rmf = LastingRmf(FakeRmf, Alarms(), asyncio.get_running_loop().time)
+        faces = app.Faces(rmf=RosSettings(), lasting_rmf=rmf)
         term = ActiveTerm(Key(1, 7, "north"), asyncio.get_running_loop().time)
         with listen("127.0.0.1", 0) as sock:
             address = f"http://127.0.0.1:{sock.getsockname()[1]}"
             async with asyncio.timeout(HANGS_S), httpx.AsyncClient(base_url=address, trust_env=False) as http:
-                manager = Manager(lift, http, term, recorder)
+                manager = Manager(lift, http, term, recorder, rmf)
                 manager.renew(3600.0)
-                running = app.run(load_site(path), sock, stop=stop, ready=ready.set, recorder=recorder, term=term)
+                running = app.run(
+                    load_site(path), sock, stop=stop, ready=ready.set, recorder=recorder, faces=faces, term=term
+                )
                 manager.running = asyncio.create_task(running)
                 await ready.wait()
                 try:
@@ -87,20 +107,25 @@ def test_a_term_that_nears_its_end_is_used_to_release_everything(tmp_path: Path)
         manager.term.releases.set()
         assert await manager.ended()
         assert HOLD not in manager.lift.truth.commands
+        assert manager.rmf.states[-1][1].current_mode == MODE_OFFLINE
 
     play(tmp_path, check)
 
 
 @pytest.mark.parametrize("by", ["", "Eve"])
-def test_after_its_term_a_manager_writes_nothing_and_leaves_everything_on(tmp_path: Path, by: str) -> None:
+def test_after_its_term_a_manager_writes_and_publishes_nothing_and_leaves_everything_on(
+    tmp_path: Path, by: str
+) -> None:
     async def check(manager: Manager) -> None:
         await manager.hold_door()
-        before = manager.lift.writes
+        before, published = manager.lift.writes, len(manager.rmf.states)
         manager.term.handed_over_by = by
         manager.term.end()
         assert (await manager.state())["success"] is False
         assert await manager.ended() is bool(by)
         assert manager.lift.writes == before
+        assert len(manager.rmf.states) == published > 0
+        assert not manager.rmf.closed  # it is the connection of the next term, too
         handed_over = [row for row in manager.recorder.rows if "hands over" in row.text]
         assert [row.caller for row in handed_over] == ([by] if by else [])
 

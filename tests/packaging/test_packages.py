@@ -61,13 +61,13 @@ def maintainer_script(name: str, tmp_path: Path, *words: str, active: bool = Tru
     """Run a maintainer script for version 1.2-1 with programs that write down how they are called."""
     script = tmp_path / name
     text = (DEBIAN / name).read_text().replace("@PACKAGE@", "1.2-1")
-    # a computer with systemd and the folder of the state
-    text = text.replace("/run/systemd/system", str(tmp_path)).replace("/var/lib/lift-manager ", f"{tmp_path} ")
+    # a computer with systemd and the folders of the state
+    text = text.replace("/run/systemd/system", str(tmp_path)).replace("/var/lib/", f"{tmp_path}/lib/")
     script.write_text(text)
-    for program in ("systemctl", "adduser", "install", "getent"):
+    for program in ("systemctl", "adduser", "install", "getent", "chmod"):
         fake = tmp_path / program
         fake.write_text(
-            f'#!/bin/sh\necho "{program} $*" >>{tmp_path}/called\nexit {0 if active or program in ("adduser", "install") else 1}\n'
+            f'#!/bin/sh\necho "{program} $*" >>{tmp_path}/called\nexit {1 if not active and program in ("systemctl", "getent") else 0}\n'
         )
         fake.chmod(0o755)
     environment = {"PATH": f"{tmp_path}:/usr/bin:/bin"}
@@ -81,17 +81,46 @@ def called(tmp_path: Path, program: str) -> list[str]:
 def test_an_upgrade_leaves_a_manager_that_runs_alone_and_says_how_to_change_over(tmp_path: Path) -> None:
     done = maintainer_script("lift-manager.postinst", tmp_path, "configure", "1.1-1")
     assert done.returncode == 0, done.stderr
-    assert called(tmp_path, "systemctl") == ["systemctl --quiet is-active lift-manager.service"]
+    assert called(tmp_path, "systemctl") == [
+        f"systemctl --quiet is-active {name}.service" for name in ("lift-manager", "lift-manager-hub")
+    ]
+    assert "the hub that runs is still the one before" in done.stdout
     assert "1.2-1 is installed. The manager that runs is still the one before, and goes on" in done.stdout
     assert "lift-manager drain --all --by NAME --reason upgrade" in done.stdout
     # what debhelper adds neither stops nor starts anything
-    assert "dh_installsystemd --package=lift-manager --no-start --no-stop-on-upgrade" in (DEBIAN / "rules").read_text()
+    rules = (DEBIAN / "rules").read_text()
+    assert "dh_installsystemd --package=lift-manager --no-start --no-stop-on-upgrade lift-manager.service" in rules
 
 
-def test_a_first_installation_makes_the_user_and_starts_nothing(tmp_path: Path) -> None:
+def test_a_first_installation_makes_the_users_and_starts_nothing(tmp_path: Path) -> None:
     done = maintainer_script("lift-manager.postinst", tmp_path, "configure", "", active=False)
     assert "write /etc/lift-manager/site.yaml" in done.stdout
-    assert called(tmp_path, "systemctl") == ["systemctl --quiet is-active lift-manager.service"]
+    assert {line.split(" ", 1)[1] for line in called(tmp_path, "systemctl")} == {
+        f"--quiet is-active {name}.service" for name in ("lift-manager", "lift-manager-hub")
+    }
+    users = ["lift-manager", "lift-manager-hub", "lift-manager-leaf"]
+    assert [line.split()[-1] for line in called(tmp_path, "adduser")] == users
+    folders = [f"install -d -m 700 -o {user} -g {user} {tmp_path}/lib/{user}" for user in users]
+    assert called(tmp_path, "install") == folders
+
+
+def test_the_units_of_a_hub_are_in_the_package_and_a_person_enables_them(tmp_path: Path) -> None:
+    rules = (DEBIAN / "rules").read_text()
+    (listed,) = re.findall(r"^units := (.*)$", rules, re.MULTILINE)
+    assert {f"{name}.service" for name in (*listed.split(), "lift-manager")} == {
+        path.name for path in (DEPLOY / "systemd").iterdir()
+    }
+    assert "dh_installsystemd --package=lift-manager --name=$$unit --no-enable --no-start --no-stop-on-upgrade" in rules
+    (loop,) = re.findall(r"^\t(for unit in \$\(units\); do \\\n\t    sed .*?done)$", rules, re.DOTALL | re.MULTILINE)
+    command = loop.replace("\\\n", " ").replace("$$", "$").replace("$(units)", listed)
+    command = command.replace("$(place)", "/usr/lib/lift-manager/1.2-1")
+    shutil.copytree(DEPLOY / "systemd", tmp_path, dirs_exist_ok=True)
+    (tmp_path / "debian").mkdir()
+    subprocess.run(["sh", "-c", command], cwd=tmp_path, check=True)
+    made = {name: (tmp_path / "debian" / f"lift-manager.{name}.service").read_text() for name in listed.split()}
+    assert all(text.startswith("[Unit]\n") for text in made.values())
+    program = "/usr/lib/lift-manager/1.2-1/bin/python -I -m lift_manager"
+    assert f"\nExecStart={program} hub --folder /var/lib/lift-manager-hub\n" in made["lift-manager-hub"]
 
 
 @contextmanager

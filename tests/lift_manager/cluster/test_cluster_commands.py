@@ -216,6 +216,12 @@ def test_a_machine_that_is_none_of_the_two_serves_nothing(tmp_path: Path, member
     assert (refused.returncode, "the machines of the cluster are north, south" in refused.stderr) == (1, True)
 
 
+def test_a_standby_that_cannot_join_rmf_fails_at_its_start(tmp_path: Path, members: Members) -> None:
+    words = ("serve", site(tmp_path, members), "--machine", "north", "--port", "0", "--rmf")
+    refused = call(*words, CYCLONEDDS_URI="<broken")
+    assert (refused.returncode, "CYCLONEDDS_URI is '<broken'" in refused.stderr) == (1, True)
+
+
 def test_a_site_without_a_cluster_has_nothing_to_show(tmp_path: Path, members: Members) -> None:
     path = site(tmp_path, members)
     alone = json.loads(path.read_text("utf-8"))
