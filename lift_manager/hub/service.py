@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from drivers.thread import Worker
 from lift_manager.hub.connection import CLOSE_WITHIN_S, Connection
 from lift_manager.hub.errors import FolderUnusable, UpdateRefused
-from lift_manager.hub.folder import HubFolder, Registry, account
+from lift_manager.hub.folder import HubFolder, Registry, SiteEntry, account
 from lift_manager.hub.messages import Position, RowMessage
 from lift_manager.hub.nats_server import NatsServer
 from lift_manager.hub.remote_site import RemoteSite, SiteState
@@ -217,7 +217,9 @@ class Hub:
 
     async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
         before = self.registry.sites
-        closed = {account(site) for site, entry in before.items() if _is_closed(registry, site, entry.nkey)}
+        closed = {
+            account(site) for site, entry in before.items() if _must_connect_again(entry, registry.sites.get(site))
+        }
         self._forget(registry)  # at once: a server may be slow
         await self._system.reload(closed)
         self._follow(tasks, registry, await self._in_thread(self._store.positions))
@@ -244,7 +246,10 @@ def _live(registry: Registry) -> set[str]:
     return {site for site, entry in registry.sites.items() if entry.off is None}
 
 
-def _is_closed(registry: Registry, site: str, nkey: str) -> bool:
-    """Whether a connection with this key is no longer allowed."""
-    entry = registry.sites.get(site)
-    return entry is None or entry.off is not None or entry.nkey != nkey
+def _must_connect_again(before: SiteEntry, entry: SiteEntry | None) -> bool:
+    """Whether the connection of a site has to end: it is no longer allowed, or the account that it belongs to may be one from before.
+
+    A server that learns late that a site is off keeps its connection (2.15), in an account that is not the one that it gets with the site on
+    again: what the site sends there reaches nobody.
+    """
+    return entry is None or entry.nkey != before.nkey or (entry.off is None) != (before.off is None)
