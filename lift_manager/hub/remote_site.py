@@ -70,7 +70,7 @@ class SiteState(StrEnum):
     """Whether a site can be reached."""
 
     UNKNOWN = "unknown"
-    """The hub has just started, and there is no news yet."""
+    """The hub has just started, or has not yet reached its NATS server, and there is no news yet."""
     ONLINE = "online"
     OFFLINE = "offline"
     FLOODING = "flooding"

@@ -98,7 +98,9 @@ class Hub:
 
     def state(self, site: str) -> SiteState:
         """Return whether a site of the registry can be reached."""
-        return self.sites[site].state if site in self.sites else SiteState.OFF
+        if self.registry.sites[site].off is not None:
+            return SiteState.OFF
+        return self.sites[site].state if site in self.sites else SiteState.UNKNOWN
 
     def open_rows(self) -> RowStore:
         """Return the rows, for a reader of its own; once `run` runs."""

@@ -135,8 +135,10 @@ async def _remote(site: SiteName, request: Request) -> RemoteSite:
     """Return a site that can be reached, as far as is known."""
     hub = _hub_of(request)
     _require_site(hub, site)
-    if site not in hub.sites:
+    if hub.state(site) is SiteState.OFF:
         raise RequestError("site_silent", f"{site} is switched off; `GET /api/v1/sites/{site}` has by whom and why")
+    if site not in hub.sites:
+        raise RequestError("site_silent", "the hub has not reached its NATS server yet")
     return hub.sites[site]
 
 
