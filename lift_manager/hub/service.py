@@ -9,6 +9,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import datetime
 from functools import partial
 from typing import TypeVar
 
@@ -23,10 +24,13 @@ from lift_manager.hub.nats_server import NatsServer
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.rows import RowStore, StoredEvent
 from lift_manager.hub.system_account import SystemAccount
-from lift_manager.hub.update.desk import Desk, UpdateFiles
+from lift_manager.hub.update.desk import Desk, SiteUpdate, UpdateFiles
 
 CHECK_EVERY_S = 0.5
 """How often the files of the folder are checked, as those of keys."""
+
+CERTIFICATES_EVERY_S = 60.0
+"""How often it is checked until when the certificates are valid."""
 
 RETRY_S = 5.0
 """How long to wait after a failure."""
@@ -59,6 +63,8 @@ class Hub:
         self._worker = Worker("lift-manager-hub")
         self._receivers: dict[Receive, None] = {}
         self._desk = Desk(UpdateFiles(folder.path))
+        self.certificates: Mapping[str, datetime | None] = folder.certificates()
+        """Until when they are valid, by what they are for; None for one that cannot be read."""
 
     @property
     def is_up(self) -> bool:
@@ -101,6 +107,10 @@ class Hub:
         if self.registry.sites[site].off is not None:
             return SiteState.OFF
         return self.sites[site].state if site in self.sites else SiteState.UNKNOWN
+
+    def update_of(self, site: str) -> SiteUpdate:
+        """Return how a site stands with configuration updates, from memory."""
+        return self._desk.update_of(site)
 
     def open_rows(self) -> RowStore:
         """Return the rows, for a reader of its own; once `run` runs."""
@@ -198,12 +208,17 @@ class Hub:
         """Apply changes of the registry, which the command line and the API write, and use renewed certificates."""
         trouble = ""
         tls_changed_at = await self._in_thread(self.folder.tls_changed_at)
+        certificates_at = 0.0
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
+            now = asyncio.get_running_loop().time()
             try:
                 registry = await self._in_thread(self.folder.registry)
                 newest = await self._in_thread(self.folder.tls_changed_at)
-            except FolderUnusable as error:
+                await self._in_thread(self._desk.refresh)
+                if now - certificates_at >= CERTIFICATES_EVERY_S:
+                    self.certificates, certificates_at = await self._in_thread(self.folder.certificates), now
+            except (FolderUnusable, UpdateRefused) as error:
                 if str(error) != trouble:
                     _log.error("%s; the sites stay as they are", error)
                 trouble = str(error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from lift_manager.hub.api import (
     SiteEvent,
     SiteEventsAnswer,
     SitesAnswer,
+    SiteUpdateAnswer,
     SwitchedAnswer,
     SwitchOffRequest,
     SwitchOnRequest,
@@ -205,6 +207,19 @@ async def site_events(
     _require_site(hub, site)
     require_once(request, "most")
     return SiteEventsAnswer(site=site, events=tuple(map(SiteEvent.of, await hub.newest_events(site, most))))
+
+
+@router.get(
+    "/sites/{site}/update",
+    summary="Configuration updates of a site",
+    tags=["sites"],
+    responses=problems("unknown_site"),
+)
+async def update(site: SiteName, request: Request) -> SiteUpdateAnswer:
+    """By which update it runs, and how far it is with the newest roll-out. From memory: a site reports once a minute."""
+    hub = _hub_of(request)
+    _require_site(hub, site)
+    return SiteUpdateAnswer.of(site, hub.update_of(site), asyncio.get_running_loop().time())
 
 
 @router.post(

@@ -55,6 +55,8 @@ def test_state_is_requested_from_the_site_for_each_reply_and_guides_no_robot(rig
                 assert (silent.status_code, silent.json()["code"]) == (503, "site_silent")
                 await hub.until_state("berlin", SiteState.OFFLINE)
                 assert [one["id"] for one in (await hub.get("/sites?state=offline")).json()["sites"]] == ["berlin"]
+                scraped = (await hub.client.get("/metrics")).text
+                assert 'lift_manager_hub_site_offline_total{site="berlin"} 1\n' in scraped
             unknown = await hub.get("/sites/rome/lifts")
             assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_site")
 
