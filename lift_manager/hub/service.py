@@ -49,6 +49,9 @@ class Hub:
         """Raises FolderUnusable and NatsServerMissing."""
         self.folder = folder
         self.registry: Registry = folder.registry()
+        """As shown: a site that was switched here counts as such at once."""
+        self._applied = self.registry
+        """As the NATS servers have it."""
         settings = folder.settings().nats
         self._server = None if settings.servers else NatsServer(folder)
         """None where the NATS servers run by themselves."""
@@ -107,6 +110,16 @@ class Hub:
         if self.registry.sites[site].off is not None:
             return SiteState.OFF
         return self.sites[site].state if site in self.sites else SiteState.UNKNOWN
+
+    def switch_off(self, site: str, by: str, reason: str) -> None:
+        """Switch a site off; the NATS servers follow. Raises FolderUnusable."""
+        self.folder.switch_off(site, by, reason)
+        self._forget(self.folder.registry())
+
+    def switch_on(self, site: str, by: str) -> None:
+        """Switch a site on; it is observed once the NATS servers have followed. Raises FolderUnusable."""
+        self.folder.switch_on(site, by)
+        self._forget(self.folder.registry())
 
     def update_of(self, site: str) -> SiteUpdate:
         """Return how a site stands with configuration updates, from memory."""
@@ -225,7 +238,7 @@ class Hub:
                 continue
             trouble = ""
             await self._system.retry()
-            if registry != self.registry:
+            if registry != self._applied:
                 await self._apply(tasks, registry)
             if newest != tls_changed_at:
                 tls_changed_at = newest
@@ -233,7 +246,7 @@ class Hub:
                 _log.info("the NATS server reads its certificate again")
 
     async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
-        before = self.registry.sites
+        before, self._applied = self._applied.sites, registry
         closed = {
             account(site) for site, entry in before.items() if _must_connect_again(entry, registry.sites.get(site))
         }

@@ -233,7 +233,7 @@ async def off(site: SiteName, request: Request, body: SwitchOffRequest) -> Switc
     """Its leaf node is disconnected and refused within a second or two, over restarts of the hub. The site itself runs as before."""
     hub = _hub_of(request)
     _require_site(hub, site)
-    return _switch(hub, site, lambda: hub.folder.switch_off(site, _signature(request, body.by), body.reason))
+    return _switch(hub, site, lambda: hub.switch_off(site, _signature(request, body.by), body.reason))
 
 
 @router.post(
@@ -247,7 +247,7 @@ async def on(site: SiteName, request: Request, body: SwitchOnRequest) -> Switche
     """Its leaf node is accepted again; it connects within seconds by itself."""
     hub = _hub_of(request)
     _require_site(hub, site)
-    return _switch(hub, site, lambda: hub.folder.switch_on(site, _signature(request, body.by)))
+    return _switch(hub, site, lambda: hub.switch_on(site, _signature(request, body.by)))
 
 
 @router.get(
@@ -420,9 +420,9 @@ def _info(hub: Hub, site: str) -> RemoteSiteInfo:
 def _switch(hub: Hub, site: str, switch: Callable[[], None]) -> SwitchedAnswer:
     try:
         switch()
-        entry = hub.folder.registry().sites[site]
     except FolderUnusable as error:
         raise RequestError("not_now", str(error)) from error
+    entry = hub.registry.sites[site]
     return SwitchedAnswer(site=site, off=None if entry.off is None else Off.model_validate(entry.off))
 
 

@@ -75,8 +75,11 @@ class FakeHub(Hub):
 
     def follow(self) -> None:
         """Read the files again, as a running hub does twice a second."""
-        self.registry = self.folder.registry()
-        self.sites = {site: self.fakes[site] for site, entry in self.registry.sites.items() if entry.off is None}
+        self._forget(self.folder.registry())
+
+    def _forget(self, registry: Registry) -> None:
+        self.registry = registry
+        self.sites = {site: self.fakes[site] for site, entry in registry.sites.items() if entry.off is None}
 
     def roll_out(self, rollout: Rollout, reports: Mapping[str, Report]) -> None:
         """Begin a roll-out, as far as sites have reported."""
