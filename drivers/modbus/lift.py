@@ -168,7 +168,7 @@ class ModbusLift:
                 payloads: tuple[bytes, ...] = (await link.read(request),)
             except ControllerException as error:
                 raise await self._diagnosis.explain(error, block) from error
-            at = link.asked_at
+            at = link.stats.asked_at
             requested_at: tuple[float, ...] = (at,)
         else:
             payloads, requested_at = await self._read_blocks()
@@ -302,7 +302,7 @@ class ModbusLift:
                 payloads.append(await link.read(request))
             except ControllerException as error:
                 raise await self._diagnosis.explain(error, block) from error
-            requested_at.append(link.asked_at)
+            requested_at.append(link.stats.asked_at)
         return tuple(payloads), tuple(requested_at)
 
     def _update_values(self, changed: frozenset[str], at: float) -> LiftValues:
