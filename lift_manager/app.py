@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 from zoneinfo import ZoneInfo
 
 from drivers.driver import LiftDriver
@@ -59,6 +59,7 @@ from lift_manager.web.limits import connections_limit
 from lift_manager.web.server import serve
 from lift_manager.web.standby import Standby, WhileActive
 from lift_manager.web.tls import ServerCertificates, ServerTls
+from register_maps.arbitration import Claim
 from register_maps.schema import LinkDefaults
 
 if TYPE_CHECKING:  # a manager that is alone does not load what talks to etcd, or to a hub
@@ -152,10 +153,11 @@ def build(
     *,
     recorder: Recorder | None = None,
     clock: Clock | None = None,
+    claim: Claim | None = None,
 ) -> ManagerParts:
     """Assemble a manager, with one link per controller for all its lifts, over the network by default.
 
-    Without a recorder, a restart loses sessions, decisions of people, and the journal.
+    `claim` is that of a term of a cluster, for controllers that arbitrate. Without a recorder, a restart loses sessions, decisions of people, and the journal.
     """
     recorder = recorder or MemoryRecorder()
     clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
@@ -164,7 +166,7 @@ def build(
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
     actors = tuple(
         LiftActor(driver, lift_config(name, loaded, driver), bus, recorder, clock=clock)
-        for name, driver in ((name, _driver(name, loaded, links)) for name in loaded.site.lifts)
+        for name, driver in ((name, _driver(name, loaded, links, claim)) for name in loaded.site.lifts)
     )
     site = Site(actors, bus, recorder, rmf=loaded.site.rmf.rules, clock=clock)
     life = SiteLife(site, actors)
@@ -247,7 +249,7 @@ async def run(
                     await life.first_look()
             serving = tasks.create_task(guarded(_serve(parts, loaded, faces.keys, sock, tls, term)))
             patience_s_of = poll_patience_s(loaded, parts.links) if systemd.is_enabled else {}
-            watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts)))
+            watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts, term)))
             running.append(tasks.create_task(watching))
             ready()
             await _first_of(stop, stop if term is None else term.ends)
@@ -349,7 +351,9 @@ def _build_for(term: ActiveTerm | None, loaded: LoadedSite, recorder: Recorder |
     """Assemble a manager; in a cluster it writes only while its term lasts."""
     if term is None:
         return build(loaded, recorder=recorder)
-    parts = build(loaded, network_wires(loaded.path.parent, term), recorder=recorder)
+    cluster = loaded.site.cluster
+    claim = Claim(term.key.epoch, 0 if cluster is None else cluster.number_of(term.key.owner))
+    parts = build(loaded, network_wires(loaded.path.parent, term), recorder=recorder, claim=claim)
     for actor in parts.actors:
         term.follow(actor.driver.fence)
     return parts
@@ -360,7 +364,7 @@ def _note_start(recorder: Recorder, loaded: LoadedSite, term: ActiveTerm | None)
     maps = {name: (lift.access, loaded.maps[name].map.name, loaded.maps[name].sha256) for name, lift in lifts}
     recorder.note(manager_started(running_version(), maps, loaded.checkouts))
     if term is not None:
-        recorder.note(manager_took_over(term.key.owner, term.key.epoch))
+        recorder.note(manager_took_over(term.key.owner, term.key.epoch, term.alone))
 
 
 async def warn_of_expiry(loaded: LoadedSite, *, every_s: float = WARN_EVERY_S) -> None:
@@ -377,13 +381,21 @@ def _log_expiring(loaded: LoadedSite) -> None:
         _log.warning("%s", line)
 
 
-async def renew_certificates(tls: ServerCertificates, *, within_s: float = CHECK_WITHIN_S) -> None:
-    """Reload the certificates whenever their files change."""
+class Renewable(Protocol):
+    """Certificates whose files may change."""
+
+    def renew(self) -> None:
+        """Use the files if they have changed. Blocks."""
+        ...
+
+
+async def renew_certificates(tls: Renewable, owner: str = "api", *, within_s: float = CHECK_WITHIN_S) -> None:
+    """Reload certificates whenever their files change; `owner` is the part of the site file that names them."""
     loop = asyncio.get_running_loop()
-    message = "api: the files of `tls` do not answer within %g s, the previous certificate stays in use; check the disk that they are on"
+    message = "%s: the files of `tls` do not answer within %g s, the previous certificate stays in use; check the disk that they are on"
     while True:
         await asyncio.sleep(CHECK_EVERY_S)
-        timer = loop.call_later(within_s, _log.warning, message, within_s)
+        timer = loop.call_later(within_s, _log.warning, message, owner, within_s)
         try:
             with suppress(OSError):
                 await in_thread(tls.renew)
@@ -402,10 +414,11 @@ def server_certificates(loaded: LoadedSite) -> ServerCertificates | None:
     )
 
 
-def _status_text(parts: ManagerParts) -> str:
+def _status_text(parts: ManagerParts, term: ActiveTerm | None) -> str:
     states = [parts.site.state(name) for name in parts.site.lift_names()]
     live = sum(state.quality is Quality.LIVE for state in states)
-    return f"{counted(len(states), 'lift')}, {live} live, {sum(parts.life.polls().values())} polls"
+    alone = "" if term is None or not term.alone else f"; {term.alone}"
+    return f"{counted(len(states), 'lift')}, {live} live, {sum(parts.life.polls().values())} polls{alone}"
 
 
 async def _serve(
@@ -425,6 +438,7 @@ async def _serve(
         host_names=(api.host, *api.host_names),
         simulated=loaded.simulated,
         announcements=loaded.announcements(),
+        alone="" if term is None else term.alone,
     )
     limits = ConnectionLimits.of(connections_limit(), api.trusted_proxies)
     if term is None:
@@ -528,7 +542,7 @@ def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[
     return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})")
 
 
-def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
+def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], claim: Claim | None) -> ModbusLift:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     placed = devices(loaded.site, spec, source)
     lines = {endpoint: Unit(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
@@ -544,4 +558,4 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusL
         max_registers_per_read=min(need.max_registers_per_read for need in needs),
         max_bits_per_read=min(need.max_bits_per_read for need in needs),
     )
-    return ModbusLift(loaded.codecs[name], own.link, settings, endpoints=lines)
+    return ModbusLift(loaded.codecs[name], own.link, settings, endpoints=lines, claim=claim)

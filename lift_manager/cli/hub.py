@@ -33,6 +33,7 @@ from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing, SiteR
 from lift_manager.hub.folder import HttpSettings, HubFolder, HubSettings, NatsSettings
 from lift_manager.hub.messages import BeginRide, CancelRide
 from lift_manager.hub.nats_server import NatsServerMissing
+from lift_manager.hub.remote_site import SiteState
 from lift_manager.hub.service import Hub
 from lift_manager.hub.signing import sign, signed_text
 from lift_manager.hub.web import make_hub_app
@@ -40,6 +41,7 @@ from lift_manager.plain.signals import stop_on_signals
 from lift_manager.plain.text import counted
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyFile, make_key, read_keys, revoke_key
+from lift_manager.systemd import Notifier, notifier, report_to_systemd
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.origin import is_loopback
@@ -378,13 +380,31 @@ async def _serve(hub: Hub, settings: HttpSettings, keys: KeyFile, sock: socket) 
     host, port = sock.getsockname()[:2]
     where = f"{'http' if tls is None else 'https'}://{host}:{port}"
 
+    systemd, connected = notifier(), asyncio.Event()
+
     def ready() -> None:
         out.print(f"hub: {counted(len(hub.registry.sites), 'site')} on {where}", highlight=False)
+        connected.set()
 
     web = make_hub_app(hub, keys, host_names=(settings.host, *settings.host_names))
     async with asyncio.TaskGroup() as tasks:
-        work = [hub.run(ready), keys.run(lambda _: None), serve(web, sock, tls=tls)]
+        work = [serve(web, sock, tls=tls), hub.run(ready), keys.run(lambda _: None), _report(systemd, hub, connected)]
         running = [tasks.create_task(one) for one in (*work, *([] if tls is None else [renew_certificates(tls)]))]
         await stop.wait()
+        systemd.send("STOPPING=1")
         for task in running:
             task.cancel()
+
+
+async def _report(systemd: Notifier, hub: Hub, connected: asyncio.Event) -> None:
+    """Report to systemd until cancelled: ready once there is a connection, then that the loop runs, and how many sites are online."""
+    systemd.send("STATUS=waiting for a NATS server")
+    await connected.wait()
+
+    def status() -> str:
+        online = sum(hub.state(site) is SiteState.ONLINE for site in hub.registry.sites)
+        found = f"{counted(len(hub.registry.sites), 'site')}, {online} online"
+        return found if hub.is_up else f"{found}, no connection to a NATS server"
+
+    # no polls: a site that cannot be reached, or a NATS server, is not reached sooner by another start
+    await report_to_systemd(systemd, {}, dict, status)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import socket
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -64,6 +65,7 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
 def cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield what people should know of a site at every start, a line each."""
     yield from loaded.cautions()
+    yield from _machine_cautions(loaded)
     yield from _hub_caution(loaded)
     held = _held(loaded)
     yield from _update_cautions(loaded, held)
@@ -71,6 +73,15 @@ def cautions(loaded: LoadedSite) -> Iterator[str]:
         if approval.problem:
             yield f"{lift}: robots may use it, and {approval.problem}; {_test_advice(loaded.path, lift)}"
         yield from (f"{lift}: {caution}" for caution in approval.cautions)
+
+
+def _machine_cautions(loaded: LoadedSite) -> Iterator[str]:
+    """Yield what should be known of this computer, if it is one of the machines of a cluster."""
+    if (cluster := loaded.site.cluster) is None or (cluster.machine or socket.gethostname()) not in cluster.machines:
+        return
+    from lift_manager.cluster.kept_packets import kept_packets_cautions  # noqa: PLC0415  a manager that is alone does not load it
+
+    yield from kept_packets_cautions(controller.host for controller in loaded.controllers.values())
 
 
 def _hub_caution(loaded: LoadedSite) -> Iterator[str]:

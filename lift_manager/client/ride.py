@@ -99,11 +99,11 @@ class ActiveRide:
         return step
 
     async def entered(self) -> Step:
-        """Report that the robot is inside, repeated until the manager has accepted it. Raises Refused if it is not possible now."""
+        """Report that the robot is inside, repeated until the manager has recorded it. Raises Refused if it is not possible now."""
         return await self._report(RideWord.ENTERED)
 
     async def left(self) -> Step:
-        """Report that the robot is outside and clear of the door, repeated until the manager has accepted it. Raises Refused."""
+        """Report that the robot is outside and clear of the door, repeated until the manager has recorded it. Raises Refused."""
         return await self._report(RideWord.LEFT)
 
     async def cancel(self, reason: str = "cancelled") -> Step:
@@ -200,14 +200,14 @@ class ActiveRide:
         self._is_reporting = True
         self._changed.set()
         try:
-            return await self._report_until_accepted(word)
+            return await self._report_until_recorded(word)
         except Refused:
             self._reported = before
             raise
         finally:
             self._is_reporting = False
 
-    async def _report_until_accepted(self, word: RideWord) -> Step:
+    async def _report_until_recorded(self, word: RideWord) -> Step:
         while True:
             requested_at = self._next_request_time()
             try:
@@ -222,7 +222,9 @@ class ActiveRide:
                 self._note_silence(error)
             else:
                 self._update(ride, requested_at)
-                return self.now
+                if ride.recorded:
+                    return self.now
+                # a crash could still lose it, and after a ride nobody would repeat it
             await asyncio.sleep(POLL_EVERY_S)
 
     def _note_silence(self, error: ClientError) -> None:

@@ -9,6 +9,8 @@
 | `copied/MACHINE` | the number of the newest commit that a machine has on the disk |
 | `removed` | the number of the newest commit whose rows were removed |
 | `handover` | a planned change of roles that was requested |
+| `solo` | the machine that goes on alone: while it is there, no standby takes `active` |
+| `joined` | the id of the newest such decision that has ended |
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import json
 import secrets
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from lift_manager.cluster.errors import ClusterUnusable
@@ -42,6 +44,8 @@ class Place:
         self.copied = f"{self._prefix}copied/"
         self.removed = f"{self._prefix}removed"
         self.handover = f"{self._prefix}handover"
+        self.solo = f"{self._prefix}solo"
+        self.joined = f"{self._prefix}joined"
 
     def rows_of(self, commit: int) -> str:
         """Return the key of the rows of a commit; keys sort as the numbers do."""
@@ -71,6 +75,39 @@ class Handover:
     """Who requested it."""
     accepted_by: str = ""
     """The standby that is ready."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solo:
+    """The decision of a person that one machine goes on alone."""
+
+    id: str
+    """Different for each decision, so that etcd and the disk are known to mean the same one."""
+    machine: str
+    off: str
+    """The other machine, which is known to be off."""
+    by: str
+    """Who has decided it."""
+    since: str
+    """When, for people."""
+    epoch: int
+    """Higher than any that the other machine may have had."""
+    revision: int
+    """Of `active`, as it was known to a member of etcd then; 0 if none answered."""
+    commit: int
+    """The newest commit that this machine had on its disk then."""
+    contested: bool = False
+    """`active` has moved since, so that only etcd can let this machine go on."""
+
+    @property
+    def text(self) -> str:
+        """The decision in words."""
+        return f"{self.machine} goes on alone since {self.since}, as {self.by} has decided because {self.off} is off"
+
+
+def new_solo_id() -> str:
+    """Return the id of another decision."""
+    return secrets.token_hex(8)
 
 
 def next_head(commit: int) -> Head:
@@ -113,6 +150,19 @@ def decode_handover(entries: Sequence[Entry]) -> Handover | None:
         return None
     with _reading(entries[0]) as value:
         return Handover(value["epoch"], value["by"], value["accepted_by"])
+
+
+def encode_solo(solo: Solo) -> bytes:
+    """Return the value of `solo`, and the content of the file on the disk of that machine."""
+    return _dump(asdict(solo))
+
+
+def decode_solo(entries: Sequence[Entry]) -> Solo | None:
+    """Return the decision that a machine goes on alone, if there is one. Raises ClusterUnusable."""
+    if not entries:
+        return None
+    with _reading(entries[0]) as value:
+        return Solo(**value)
 
 
 def encode_rows(rows: Iterable[PendingRow]) -> bytes:

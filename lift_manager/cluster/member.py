@@ -16,8 +16,10 @@ from drivers.thread import Worker
 from lift_manager.cluster.content import (
     Handover,
     Place,
+    Solo,
     decode_handover,
     decode_key,
+    decode_solo,
     encode_handover,
     encode_key,
 )
@@ -48,9 +50,10 @@ SILENCE_S = 3.0
 class ActiveTerm:
     """A term in which this machine is active, for those who may write only while it lasts."""
 
-    def __init__(self, key: Key, clock: Callable[[], float]) -> None:
-        """`key` is what etcd has for the epoch of the term."""
+    def __init__(self, key: Key, clock: Callable[[], float], *, alone: str = "") -> None:
+        """`key` is what etcd has for the epoch of the term; `alone` says in words that this machine goes on without it."""
         self.key = key
+        self.alone = alone
         self.ends = asyncio.Event()
         """OPEN is to be withdrawn and everything released; or all of it is over already."""
         self.releases = asyncio.Event()
@@ -129,6 +132,7 @@ class Member:
         self._worker: Jobs | None = None
         self._answered_at = clock()
         self._trouble = ""
+        self._solo: Solo | None = None
 
     @property
     def key(self) -> Key | None:
@@ -140,6 +144,8 @@ class Member:
         """Why this machine could not take over now; empty while it could."""
         if self._term.key is not None and self._term.key.revision == 0:
             return "etcd holds nothing for this site yet; `lift-manager cluster init` begins it"
+        if self._solo is not None:
+            return f"{self._solo.text}; `lift-manager cluster join` on {self._solo.machine} ends that"
         silent_s = self._clock() - self._answered_at
         return self._trouble if self._trouble and silent_s > SILENCE_S else ""
 
@@ -191,7 +197,8 @@ class Member:
         left = None if self.active is None else self.active.key.epoch
         self.active = None
         self._taken.clear()
-        self._term = Term(left=left)
+        before = self._term
+        self._term = Term(left=left, answered_at=before.answered_at, answering_since=before.answering_since)
         self._wake.set()
 
     def _take(self, happened: Input) -> tuple[Order, ...]:
@@ -217,12 +224,14 @@ class Member:
         sent_at = self._clock()
         self._term, _ = step(self._term, Sent(sent_at))
         known = self._term.key or Key(0)
-        looks = [read(self._place.active), read(self._place.handover)]
+        looks = [read(self._place.active), read(self._place.handover), read(self._place.solo)]
         if order is Order.LOOK:
             key, job = known, worker.submit(partial(self._etcd.transact, [], looks))
         else:
             key = self._next_key(known) if order is Order.TAKE else known
             compare = [has_revision(self._place.active, known.revision)]
+            if order is Order.TAKE:
+                compare.append(has_revision(self._place.solo, 0))
             writes = [put(self._place.active, encode_key(key)), *looks]
             job = worker.submit(partial(self._etcd.transact, compare, writes, looks))
         job.add_done_callback(partial(self._on_answer, order, sent_at, key))
@@ -238,7 +247,8 @@ class Member:
             return
         try:
             result = job.result()
-            found, handover = decode_key(result.ranges[0]), decode_handover(result.ranges[1])
+            active, requested, alone = result.ranges
+            found, handover, self._solo = decode_key(active), decode_handover(requested), decode_solo(alone)
         except ClusterError as error:
             self._trouble = str(error)
             self._take(Unanswered(sent_at, self._clock()))
@@ -246,7 +256,7 @@ class Member:
         self._answered_at, self._trouble = self._clock(), ""
         is_applied = order is not Order.LOOK and result.succeeded
         was_standby = self._term.role is Role.STANDBY
-        self._take(Answered(order, sent_at, self._clock(), found, is_applied))
+        self._take(Answered(order, sent_at, self._clock(), found, is_applied, self._solo is not None))
         if was_standby and self._term.role is not Role.STANDBY:
             self._begin(key)
         elif self.active is not None:

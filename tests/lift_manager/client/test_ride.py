@@ -4,11 +4,12 @@ import asyncio
 from collections.abc import Callable
 from random import Random
 
+import httpx
 import pytest
 
 from lift_manager.client import ActiveRide, LiftManagerClient, NotFound, Refused, Step, Unreachable
 from lift_manager.rides.ride import Guidance, Phase
-from tests.lift_manager.client.manager import LIFT, URL, Manager, no
+from tests.lift_manager.client.manager import LIFT, URL, Manager, no, said
 from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -259,6 +260,28 @@ def test_a_word_that_the_manager_took_and_forgot_is_said_again() -> None:
                 await elapse(0.05)
             assert ride.now.ride.phase is Phase.RIDING
             assert manager.asked.count("POST /api/v1/rides/r1/entered") == 2
+
+    run_virtual(main)
+
+
+def test_the_word_that_ends_a_ride_is_said_again_until_it_is_recorded() -> None:
+    async def main() -> None:
+        manager = Manager()
+        async with client_of(manager) as client, client.ride(LIFT, "L1", "L2", robot="amr-7") as ride:
+            manager.tell(*LEAVE)
+            await until(ride, lambda step: step.guidance is Guidance.LEAVE)
+
+            def left(_: httpx.Request) -> httpx.Response:
+                manager.tell(Phase.DONE, Guidance.DONE)
+                assert manager.ride is not None
+                times = manager.asked.count("POST /api/v1/rides/r1/left")
+                return said(
+                    200, manager.ride.model_copy(update={"recorded": times == 3}).model_dump_json(by_alias=True)
+                )
+
+            manager.handlers["POST", "/api/v1/rides/r1/left"] = left
+            assert (await ride.left()).over
+            assert manager.asked.count("POST /api/v1/rides/r1/left") == 3
 
     run_virtual(main)
 

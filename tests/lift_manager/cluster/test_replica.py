@@ -65,6 +65,14 @@ def test_a_manager_that_is_alone_continues_from_the_copy(etcd: MemoryEtcd, activ
     assert [row.text for row in stored(path)] == [row.row.text for row in noted(3)]
 
 
+def test_without_a_majority_what_one_member_has_is_copied_and_not_reported(etcd: MemoryEtcd, active: EtcdStore) -> None:
+    active.commit({"east": EVERYTHING}, noted(3))
+    etcd.has_majority, disk = False, MemoryStore()
+    assert Replica("a", etcd, PLACE, disk, local=True).step(LATER) == (3, False)
+    assert (disk.rows, disk.records) == (noted(3), {"east": EVERYTHING})
+    assert f"{PLACE.copied}a" not in etcd.entries
+
+
 def test_many_commits_are_copied_in_steps_and_the_records_with_the_last(etcd: MemoryEtcd, active: EtcdStore) -> None:
     active.commit({"east": EVERYTHING}, [])
     for number in range(COMMITS_AT_ONCE + 1):
