@@ -116,7 +116,7 @@ def test_a_machine_goes_on_alone_and_joins_the_other_again(tmp_path: Path) -> No
             busy = call(*by_eve("cluster", "join", path))
             assert (busy.returncode, "another manager on this computer" in busy.stderr) == (1, True)
             members.start("one")
-            program.logs("etcd answers, and says that it goes on alone")
+            program.logs("etcd answers, and says that this one does")
             assert "north goes on alone since" in call("cluster", "status", path).stdout
             assert call("cluster", "init", path, "--replace").returncode == 1
             assert program.stop()[0] == 0
