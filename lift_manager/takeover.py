@@ -17,6 +17,7 @@ from lift_manager.app import Faces, renew_certificates, server_certificates
 from lift_manager.cluster.connect import cluster_of, etcd_of
 from lift_manager.cluster.content import Place
 from lift_manager.cluster.errors import ClusterError
+from lift_manager.cluster.fence import fences_of
 from lift_manager.cluster.member import ActiveTerm, Member
 from lift_manager.cluster.replica import Replica, copy_all
 from lift_manager.cluster.store import EtcdStore
@@ -155,6 +156,8 @@ async def _command(loaded: LoadedSite, sock: socket, term: ActiveTerm, *, stop: 
         return True
     finally:
         loading.stop()
+    fences = fences_of(loaded, term.key.owner, term.key.epoch)
+    term.prepare = {controller: fence.close for controller, fence in fences.items()}
     committer = Committer(store, "etcd", records)
     with sock.dup() as own_sock:
         return await app.run(
