@@ -13,6 +13,7 @@ from lift_manager.cluster.connect import cluster_of, etcd_of
 from lift_manager.cluster.content import Place
 from lift_manager.cluster.errors import ClusterError
 from lift_manager.cluster.etcd import Etcd
+from lift_manager.cluster.term import HIGHEST_EPOCH
 from lift_manager.config.load import LoadedSite
 from lift_manager.plain.text import counted
 from lift_manager.store.errors import StoreError
@@ -35,11 +36,23 @@ def init(
     replace: Annotated[
         bool, typer.Option("--replace", help="Remove what etcd holds for the site first; both managers have ended.")
     ] = False,
+    epoch: Annotated[
+        int,
+        typer.Option(
+            "--epoch",
+            metavar="N",
+            min=0,
+            max=HIGHEST_EPOCH - 1,
+            help="The highest epoch that a controller of the site shows, for an etcd that was set up again.",
+        ),
+    ] = 0,
 ) -> None:
     """Prepare etcd for a site, once.
 
     What the manager of this machine remembers, such as lockouts, becomes what both machines remember. Run it on the machine whose
     manager has served the site so far, after that manager has ended.
+
+    Controllers that arbitrate keep the epoch that they have obeyed. An etcd that was set up again begins at 0, and with --epoch above theirs.
 
     Example: lift-manager cluster init site.yaml
     """
@@ -50,8 +63,9 @@ def init(
         raise fail(str(error)) from error
     if replace:
         _with_etcd(loaded, operations.clear)
-    _with_etcd(loaded, lambda etcd, place: operations.prepare(etcd, place, records))
-    print_lines([f"{loaded.site.name}: etcd is prepared, with the records of {counted(len(records), 'lift')}"])
+    begins = _with_etcd(loaded, lambda etcd, place: operations.prepare(etcd, place, records, epoch=epoch))
+    remembered = f"the records of {counted(len(records), 'lift')}"
+    print_lines([f"{loaded.site.name}: etcd is prepared, with {remembered}; the first term has epoch {begins + 1}"])
 
 
 @app.command()

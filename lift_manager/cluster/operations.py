@@ -44,16 +44,21 @@ class ClusterStatus:
     """The newest commit on the disk of each machine."""
 
 
-def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift]) -> None:
-    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already."""
+def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift], *, epoch: int = 0) -> int:
+    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already.
+
+    `epoch` is the highest one that a controller has obeyed. Returns the epoch that etcd has now: terms begin above it.
+    """
     before = decode_key(etcd.transact([], [read(place.active)]).ranges[0])
+    begins = max(before.epoch, epoch)
     new = [has_revision(place.active, before.revision), has_revision(place.head, 0)]
-    writes = [put(place.active, encode_key(Key(0, before.epoch))), put(place.head, encode_head(Head(0, "")))]
+    writes = [put(place.active, encode_key(Key(0, begins))), put(place.head, encode_head(Head(0, "")))]
     writes += [put(place.records + lift, encode_record(record)) for lift, record in records.items()]
     if not etcd.transact(new, writes).succeeded:
         raise ClusterUnusable(
             "etcd holds this site already, with what its managers remember; nothing was changed, and both machines can be started"
         )
+    return begins
 
 
 def clear(etcd: Etcd, place: Place, *, unchanged_s: float = UNCHANGED_S) -> None:

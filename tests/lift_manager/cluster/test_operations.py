@@ -53,6 +53,16 @@ def test_a_machine_that_went_on_alone_brings_back_what_it_remembers_and_the_epoc
     assert PLACE.rows_of(3) not in etcd.entries
 
 
+@pytest.mark.parametrize(("epoch", "begins"), [(0, 4), (3, 4), (4, 4), (70_000, 70_000)])
+def test_an_etcd_begins_above_what_a_controller_has_obeyed_and_never_below_what_it_had_itself(
+    epoch: int, begins: int
+) -> None:
+    etcd = MemoryEtcd()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH))])
+    assert operations.prepare(etcd, PLACE, {}, epoch=epoch) == begins
+    assert operations.read_status(etcd, PLACE).key == Key(etcd.entries[PLACE.active].revision, begins)
+
+
 def test_nothing_is_removed_while_a_manager_renews_its_key() -> None:
     etcd = Renewed()
     etcd.transact([], [put(PLACE.active, encode_key(NORTH)), put(PLACE.head, encode_head(Head(9, "x")))])
