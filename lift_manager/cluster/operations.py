@@ -50,12 +50,16 @@ class ClusterStatus:
     """The machine that goes on alone, if etcd knows of one."""
 
 
-def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift]) -> None:
-    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already."""
+def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift], *, epoch: int = 0) -> None:
+    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already.
+
+    `epoch` is the highest one that a controller has obeyed: terms begin above it.
+    """
     before = decode_key(etcd.transact([], [read(place.active)]).ranges[0])
+    begins = max(before.epoch, epoch)
     new = [has_revision(key, 0) for key in (place.head, place.solo)]
     new.append(has_revision(place.active, before.revision))
-    writes = [put(place.active, encode_key(Key(0, before.epoch))), put(place.head, encode_head(Head(0, "")))]
+    writes = [put(place.active, encode_key(Key(0, begins))), put(place.head, encode_head(Head(0, "")))]
     writes += [put(place.records + lift, encode_record(record)) for lift, record in records.items()]
     if not etcd.transact(new, writes).succeeded:
         raise ClusterUnusable(
@@ -69,13 +73,14 @@ def replace(
     records: Mapping[str, SavedLift],
     solo: Solo | None = None,
     *,
+    epoch: int = 0,
     unchanged_s: float = UNCHANGED_S,
 ) -> int:
     """Replace what etcd holds for a site by these records, in one step; the epoch only rises.
 
     With `solo` it is the machine that has gone on alone that brings them, and that decision ends; once it has ended, nothing is done.
     Returns how many commits of etcd are not in the journal of that machine. Raises ClusterError, also while a manager is active or
-    another machine goes on alone.
+    another machine goes on alone. `epoch` is as in `prepare`.
     """
     keys = (place.active, place.head, place.solo, place.joined)
     reads = [*(read(key) for key in keys), read_all(place.records)]
@@ -89,7 +94,7 @@ def replace(
         )
     before = decode_key(active)
     time.sleep(unchanged_s if before.owner else 0.0)
-    epoch = max(before.epoch, 0 if solo is None else solo.epoch)
+    epoch = max(epoch, before.epoch, 0 if solo is None else solo.epoch)
     writes = [put(place.active, encode_key(Key(0, epoch))), remove(place.solo), remove_all(place.rows)]
     lost = 0
     if solo is None:
