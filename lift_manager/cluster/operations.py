@@ -34,6 +34,10 @@ ACCEPTED_WITHIN_S = 3.0
 TAKEN_WITHIN_S = 10.0
 """How long the roles may take to change after that."""
 
+EPOCHS_AHEAD = 1_000_000
+"""How far an epoch is above the newest that this machine knows where etcd cannot say it. Chosen: the other machine had no more terms that
+this one knows nothing of, and 32 bits have room for thousands of times."""
+
 LOOK_EVERY_S = 0.1
 
 
@@ -50,12 +54,18 @@ class ClusterStatus:
     """The machine that goes on alone, if etcd knows of one."""
 
 
-def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift]) -> None:
-    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already."""
+def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift], *, known_epoch: int = 0) -> None:
+    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already.
+
+    `known_epoch` is the newest that this machine knows of; an etcd that is new begins far above it.
+    """
     before = decode_key(etcd.transact([], [read(place.active)]).ranges[0])
     new = [has_revision(key, 0) for key in (place.head, place.solo)]
     new.append(has_revision(place.active, before.revision))
-    writes = [put(place.active, encode_key(Key(0, before.epoch))), put(place.head, encode_head(Head(0, "")))]
+    writes = [
+        put(place.active, encode_key(Key(0, _epoch_from(before.epoch, known_epoch)))),
+        put(place.head, encode_head(Head(0, ""))),
+    ]
     writes += [put(place.records + lift, encode_record(record)) for lift, record in records.items()]
     if not etcd.transact(new, writes).succeeded:
         raise ClusterUnusable(
@@ -69,6 +79,7 @@ def replace(
     records: Mapping[str, SavedLift],
     solo: Solo | None = None,
     *,
+    known_epoch: int = 0,
     unchanged_s: float = UNCHANGED_S,
 ) -> int:
     """Replace what etcd holds for a site by these records, in one step; the epoch only rises.
@@ -89,7 +100,7 @@ def replace(
         )
     before = decode_key(active)
     time.sleep(unchanged_s if before.owner else 0.0)
-    epoch = max(before.epoch, 0 if solo is None else solo.epoch)
+    epoch = _epoch_from(before.epoch, known_epoch) if solo is None else max(before.epoch, solo.epoch)
     writes = [put(place.active, encode_key(Key(0, epoch))), remove(place.solo), remove_all(place.rows)]
     lost = 0
     if solo is None:
@@ -107,6 +118,11 @@ def replace(
     if not etcd.transact(compare, writes).succeeded:
         raise ClusterUnusable("a manager is active in this cluster; nothing was changed. End both managers first")
     return lost
+
+
+def _epoch_from(found: int, known: int) -> int:
+    """Return the epoch to begin with: that of etcd, unless this machine knows a newer one, because etcd has lost it."""
+    return found if found >= known else known + EPOCHS_AHEAD
 
 
 def forget_solo(etcd: Etcd, place: Place, machine: str) -> None:
