@@ -11,7 +11,11 @@ import pytest
 from lift_manager.cluster.content import Place, Solo, encode_key, encode_number, encode_solo
 from lift_manager.cluster.etcd import Etcd, put, read
 from lift_manager.cluster.term import Key
+from lift_manager.runtime.journal import manager_ended, manager_took_over
 from lift_manager.store.place import store_path
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import open_copy
+from lift_manager.store.store import PendingRow
 from tests.support.etcd import Members, etcd_members
 from tests.support.programs import call, eventually, free_port, running
 
@@ -135,6 +139,19 @@ def test_a_machine_goes_on_alone_and_joins_the_other_again(tmp_path: Path) -> No
         audit = call("audit", path, "--kind", "person").stdout
         assert "north goes on alone since" in audit
         assert "north goes on with south again" in audit
+
+
+def test_an_etcd_that_was_lost_is_made_again_above_the_epochs_that_the_journal_has(
+    tmp_path: Path, members: Members
+) -> None:
+    path = site(tmp_path, members)
+    disk = open_copy(store_path(tmp_path.name, "state", path, {}), tmp_path.name, Limits(400, 500))
+    disk.commit(
+        {}, [PendingRow(1, manager_took_over("north", 7)), PendingRow(2, manager_ended(released=True, commands=True))]
+    )
+    disk.close()
+    assert call("cluster", "init", path).returncode == 0
+    assert "epoch 1000007" in call("cluster", "status", path).stdout
 
 
 def fetched(port: int, path: str) -> Mapping[str, object] | None:
