@@ -38,7 +38,7 @@ def site(folder: Path, members: Members, **cluster: object) -> Path:
         "schema": 1,
         "name": folder.name,
         "state": "state",
-        "controllers": {"plc": {"host": "127.0.0.1", "map": "generic-registers"}},
+        "controllers": {"plc": {"host": "127.0.0.1", "port": free_port(), "map": "generic-registers"}},
         "lifts": {"main": {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}}},
         "cluster": {"machines": addresses, "etcd": members.urls} | cluster,
     }
