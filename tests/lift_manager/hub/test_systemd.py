@@ -77,6 +77,8 @@ def test_a_nats_server_is_given_no_option_that_keeps_it_from_reading_its_configu
     (_, *words) = service_of(name)["ExecStart"].split()
     assert len(words) == 2
     assert words[0] == "-c"
+    # a minimal Debian has no program `kill`; systemd replaces $MAINPID as a word of its own only, and ${MAINPID} anywhere
+    assert service_of(NATS)["ExecReload"] == "nats-server --signal reload=${MAINPID}"
 
 
 def test_the_leaf_node_and_the_hub_are_no_users_who_reach_the_state_of_lifts() -> None:
