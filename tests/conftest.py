@@ -29,6 +29,7 @@ LONGEST = (
     "lift_manager/hub/test_hub.py",
     "lift_manager/hub/test_hostile.py",
     "lift_manager/hub/test_processes.py",
+    "lift_manager/hub/test_three_servers.py",
     "lift_manager/test_own_manager.py",
     "lift_manager/store/test_committer.py",
     "lift_manager/commissioning/checkout/test_steps.py",
