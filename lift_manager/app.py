@@ -59,6 +59,7 @@ from lift_manager.web.limits import connections_limit
 from lift_manager.web.server import serve
 from lift_manager.web.standby import Standby, WhileActive
 from lift_manager.web.tls import ServerCertificates, ServerTls
+from register_maps.arbitration import Claim
 from register_maps.schema import LinkDefaults
 
 if TYPE_CHECKING:  # a manager that is alone does not load what talks to etcd, or to a hub
@@ -152,10 +153,11 @@ def build(
     *,
     recorder: Recorder | None = None,
     clock: Clock | None = None,
+    claim: Claim | None = None,
 ) -> ManagerParts:
     """Assemble a manager, with one link per controller for all its lifts, over the network by default.
 
-    Without a recorder, a restart loses sessions, decisions of people, and the journal.
+    `claim` is that of a term of a cluster, for controllers that arbitrate. Without a recorder, a restart loses sessions, decisions of people, and the journal.
     """
     recorder = recorder or MemoryRecorder()
     clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
@@ -164,7 +166,7 @@ def build(
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
     actors = tuple(
         LiftActor(driver, lift_config(name, loaded, driver), bus, recorder, clock=clock)
-        for name, driver in ((name, _driver(name, loaded, links)) for name in loaded.site.lifts)
+        for name, driver in ((name, _driver(name, loaded, links, claim)) for name in loaded.site.lifts)
     )
     site = Site(actors, bus, recorder, rmf=loaded.site.rmf.rules, clock=clock)
     life = SiteLife(site, actors)
@@ -349,7 +351,9 @@ def _build_for(term: ActiveTerm | None, loaded: LoadedSite, recorder: Recorder |
     """Assemble a manager; in a cluster it writes only while its term lasts."""
     if term is None:
         return build(loaded, recorder=recorder)
-    parts = build(loaded, network_wires(loaded.path.parent, term), recorder=recorder)
+    cluster = loaded.site.cluster
+    claim = Claim(term.key.epoch, 0 if cluster is None else cluster.number_of(term.key.owner))
+    parts = build(loaded, network_wires(loaded.path.parent, term), recorder=recorder, claim=claim)
     for actor in parts.actors:
         term.follow(actor.driver.fence)
     return parts
@@ -538,7 +542,7 @@ def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[
     return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})")
 
 
-def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
+def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], claim: Claim | None) -> ModbusLift:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     placed = devices(loaded.site, spec, source)
     lines = {endpoint: Unit(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
@@ -554,4 +558,4 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusL
         max_registers_per_read=min(need.max_registers_per_read for need in needs),
         max_bits_per_read=min(need.max_bits_per_read for need in needs),
     )
-    return ModbusLift(loaded.codecs[name], own.link, settings, endpoints=lines)
+    return ModbusLift(loaded.codecs[name], own.link, settings, endpoints=lines, claim=claim)

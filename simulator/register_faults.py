@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import NamedTuple
 
+from register_maps.arbitration import NO_CLAIM, Claim
 from register_maps.codec import Codec, Point
 from register_maps.command_codec import payload_counts
 from register_maps.words import Door, Motion, Table
@@ -44,6 +45,8 @@ class ShownRegisters(NamedTuple):
     beat: int
     """Count of the alive counter."""
     false_signals: FalseSignals = NO_FALSE_SIGNALS
+    obeyed: Claim = NO_CLAIM
+    """Whom the controller obeys, where it decides that."""
 
 
 class RegisterFaults:
@@ -178,7 +181,7 @@ def falsify_registers(shown: ShownRegisters, faults: frozenset[Fault], floors: i
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
     disconnected = frozenset(fault.signal for fault in faults if isinstance(fault, DisconnectedSignal))
-    return ShownRegisters(picture, shown.beat, FalseSignals(ahead, sides, disconnected))
+    return shown._replace(picture=picture, false_signals=FalseSignals(ahead, sides, disconnected))
 
 
 def _leaves(picture: ShownState) -> bool:

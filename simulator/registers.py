@@ -173,7 +173,9 @@ class RegisterFace:
         if fault in self.faults:
             return
         self._register_faults.begin(
-            fault, now, self._register_faults.falsify(ShownRegisters(self.picture, self._beats))
+            fault,
+            now,
+            self._register_faults.falsify(ShownRegisters(self.picture, self._beats, obeyed=self._cells.obeyed)),
         )
         match fault:
             case LostPress():
@@ -247,8 +249,8 @@ class RegisterFace:
         if self._register_faults.drops_writes:
             self._cells.pretend(endpoint, table, address, values)
             return
-        self._cells.write(endpoint, table, address, values, now)
-        self._written()
+        if self._cells.write(endpoint, table, address, values, now):
+            self._written()
 
     def mask_write(self, address: int, keep: int, put: int, now: float, *, endpoint: str = "") -> None:
         """Write some bits of a holding register: its contents AND `keep`, OR `put` without `keep` (FC22)."""
@@ -334,7 +336,7 @@ class RegisterFace:
         if made_of == self._made_of and not stale:
             return
         self._made_of = made_of
-        shown = ShownRegisters(self.picture, self._beats)
+        shown = ShownRegisters(self.picture, self._beats, obeyed=self._cells.obeyed)
         if self._register_faults.is_falsified:
             shown = self._register_faults.falsify(shown)
         fields = self._shown_fields(shown.picture), shown.beat, shown.false_signals

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from register_maps.arbitration import NO_CLAIM, Claim
 from register_maps.codec import UNLISTED, Codec, Point, SignalCodec, Value
 from register_maps.schema import Kind, Signal
 from register_maps.words import Door, Mode, Motion, Side
@@ -73,10 +74,11 @@ class ShownSignals:
         picture: ShownState,
         beat: int,
         false_signals: FalseSignals = NO_FALSE_SIGNALS,
+        obeyed: Claim = NO_CLAIM,
     ) -> None:
-        """Put every signal into a register image; `beat` is what a counter stands at."""
+        """Put every signal into a register image; `beat` is what a counter stands at, `obeyed` whom the controller obeys."""
         for signal, places in self._signals:
-            value = self._value(signal, picture, beat, false_signals)
+            value = self._value(signal, picture, beat, false_signals, obeyed)
             encoded = self._raw[signal.name]
             if signal.kind is Kind.COUNTER or signal.name == "car_position":
                 raw: int | None = signal.encode(value)
@@ -93,7 +95,9 @@ class ShownSignals:
                 if signal.name in false_signals.disconnected:
                     _insert(image, places, 0)
 
-    def _value(self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals) -> Value:
+    def _value(
+        self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals, obeyed: Claim
+    ) -> Value:
         match signal.kind:
             case Kind.FLOOR:
                 return self._floor(signal, picture, false_signals)
@@ -108,7 +112,7 @@ class ShownSignals:
             case Kind.COUNTER:
                 return beat
             case Kind.NUMBER:
-                return self._number(signal.name, picture)
+                return self._number(signal.name, picture, obeyed)
             case Kind.FLAG:
                 return self._flag(signal.name, picture)
 
@@ -127,10 +131,16 @@ class ShownSignals:
             index = None if self._has_unknown_floor_code else picture.last_known_floor
         return None if index is None else self._codes[index]
 
-    def _number(self, name: str, picture: ShownState) -> int | None:
+    def _number(self, name: str, picture: ShownState, obeyed: Claim) -> int | None:
         if name == "car_position":
             return self._position(picture)
-        return {"watchdog_time": self._watchdog_counts, "fault_code": int(picture.fault)}.get(name, 0)
+        numbers = {
+            "watchdog_time": self._watchdog_counts,
+            "fault_code": int(picture.fault),
+            "epoch": obeyed.epoch,
+            "owner": obeyed.owner,
+        }
+        return numbers.get(name, 0)
 
     def _position(self, picture: ShownState) -> int | None:
         if self._knows_no_position and not picture.floor_known:

@@ -56,8 +56,6 @@ class Link:
         """Held while a word is read and written back changed, so that two lifts on one controller cannot undo each other's writes."""
         self.declared: DeclaredWrites | None = None
         """What the lifts on this link may write; any other write is a bug. None before a lift is added."""
-        self.asked_at = 0.0
-        """When the request left whose answer `read` returned last: it may have waited for other lifts on this link."""
         self._make_wire = make_wire
         self._wire: Wire | None = None
         self._transactions: Transactions | None = None
@@ -133,9 +131,7 @@ class Link:
             raise self._link_down()
         if request.values:
             raise ValueError(f"not a read: {request}")
-        payload = await transactions.read(request)
-        self.asked_at = transactions.asked_at
-        return payload
+        return await transactions.read(request)
 
     async def read_urgent(self, request: Request) -> bytes:
         """As `read`, in the command lane: to read back the effect of a command."""

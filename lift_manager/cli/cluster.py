@@ -209,7 +209,7 @@ def join(
     with _opened_copy(loaded) as disk:
         lost = 0
         if discard:
-            _with_etcd(loaded, lambda etcd, place: operations.forget_solo(etcd, place, here))
+            _with_etcd(loaded, lambda etcd, place: operations.forget_solo(etcd, place, here, decided.epoch))
         else:
             records = _records_of(loaded)
             lost = _with_etcd(loaded, lambda etcd, place: operations.replace(etcd, place, records, decided))

@@ -125,15 +125,24 @@ def _epoch_from(found: int, known: int) -> int:
     return found if found >= known else known + EPOCHS_AHEAD
 
 
-def forget_solo(etcd: Etcd, place: Place, machine: str) -> None:
-    """Let the managers continue with what etcd holds, although this machine goes on alone. Raises ClusterError."""
-    (found,) = etcd.transact([], [read(place.solo)]).ranges
-    marked = decode_solo(found)
-    if marked is None:
-        return
-    if marked.machine != machine:
+def forget_solo(etcd: Etcd, place: Place, machine: str, epoch: int = 0, *, unchanged_s: float = UNCHANGED_S) -> None:
+    """Let the managers continue with what etcd holds, although this machine goes on alone. Raises ClusterError.
+
+    A controller that arbitrates keeps the epoch in which that machine has commanded it, which is `epoch` or that of its mark. The next
+    term begins above that, unless a manager is active: that one stays in its own.
+    """
+    active, marks = etcd.transact([], [read(place.active), read(place.solo)]).ranges
+    key, marked = decode_key(active), decode_solo(marks)
+    if marked is not None and marked.machine != machine:
         raise ClusterUnusable(f"{marked.text}, and not {machine}; nothing was changed")
-    if not etcd.transact([has_revision(place.solo, found[0].revision)], [remove(place.solo)]).succeeded:
+    compare, forget = [has_revision(place.solo, marks[0].revision if marks else 0)], [remove(place.solo)]
+    epoch = max(epoch, 0 if marked is None else marked.epoch)
+    if epoch > key.epoch:
+        time.sleep(unchanged_s if key.owner else 0.0)
+        unmoved = [*compare, has_revision(place.active, key.revision)]
+        if etcd.transact(unmoved, [*forget, put(place.active, encode_key(Key(0, epoch)))]).succeeded:
+            return
+    if not etcd.transact(compare, forget).succeeded:
         raise ClusterUnusable("etcd was changed at the same time; try again")
 
 

@@ -464,6 +464,11 @@ class Cluster(_Part):
     """The client URLs of its members."""
     tls: ClusterTls | None = None
     """Needed for https."""
+
+    def number_of(self, machine: str) -> int:
+        """Return the number by which controllers that arbitrate know a machine: 1 for the first one here."""
+        return list(self.machines).index(machine) + 1
+
     accept_latching: dict[Text, Text] = Field(default_factory=dict)
     """Why it is acceptable, by lift, that a write of a manager that was just replaced puts an output on that stays on."""
 

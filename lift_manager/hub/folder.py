@@ -40,7 +40,9 @@ from pydantic_core import PydanticCustomError
 from drivers.own_files import is_shared, open_own, read_own, replace_file
 from lift_manager.api.fields import first_mistake
 from lift_manager.config.site import HUB_SITE_ID, Host, Port
+from lift_manager.config.tls import certificates_in
 from lift_manager.hub import subjects
+from lift_manager.hub.connection import client_context
 from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.nkey import Nkey, make_nkey
 
@@ -228,15 +230,31 @@ class HubFolder:
         except OSError as error:
             raise FolderUnusable(f"{error.filename} cannot be read ({error.strerror})") from error
 
+    def certificates(self) -> dict[str, datetime | None]:
+        """Return until when the certificates of the settings are valid, by what they are for; None for one that cannot be read."""
+        settings = self.settings()
+        http, nats = settings.http.tls, settings.nats.tls
+        files = {
+            "api": None if http is None else http.certificate,
+            "nats": None if nats is None else nats.certificate,
+            "ca": settings.nats.ca,
+        }
+        return {
+            name: min((found.not_valid_after_utc for found in certificates_in(self.path / file)), default=None)
+            for name, file in files.items()
+            if file is not None
+        }
+
     def client_tls(self) -> ssl.SSLContext | None:
-        """Return what the hub trusts of NATS servers with tls:// URLs; None for the CAs of the system."""
-        ca = self.settings().nats.ca
-        if ca is None:
+        """Return the TLS of connections to NATS servers with tls:// URLs; None where there is none."""
+        nats = self.settings().nats
+        if not any(url.startswith("tls:") for url in nats.servers):
             return None
+        ca = None if nats.ca is None else self.path / nats.ca
         try:
-            return ssl.create_default_context(cafile=self.path / ca)
+            return client_context(ca)
         except OSError as error:
-            raise FolderUnusable(f"nats.ca: {self.path / ca} cannot be used: {error.strerror or error}") from error
+            raise FolderUnusable(f"nats.ca: {ca} cannot be used: {error.strerror or error}") from error
 
     def registry(self) -> Registry:
         """Return the sites; a registry without sites where there is no file."""

@@ -106,8 +106,9 @@ class LastingRmf:
         self._pass_on(lambda listener: listener.on_request_writer())
 
     def on_rival(self, lift_name: str) -> None:
-        """Pass it on in a term only: a standby receives what the active machine publishes."""
-        self._pass_on(lambda listener: listener.on_rival(lift_name))
+        """Pass it on in a term only: a machine without one receives what the active machine publishes."""
+        if self._attached is not None and self._attached.term.may_publish():
+            self._pass_on(lambda listener: listener.on_rival(lift_name))
 
     def on_clock(self, seconds: float) -> None:
         self._pass_on(lambda listener: listener.on_clock(seconds))
@@ -150,7 +151,7 @@ class TermRmf:
     def __init__(self, lasting: LastingRmf, may_publish: Callable[[], bool]) -> None:
         """`may_publish` compares the clock with the end of the term."""
         self._lasting = lasting
-        self._may_publish = may_publish
+        self.may_publish = may_publish
         self._has_announced = False
         """A later reader would get the latest alarm of this term."""
 
@@ -192,7 +193,7 @@ class TermRmf:
     def _call(self, publish: Callable[[Rmf], None]) -> None:
         """Publish on the connection; if that fails, it is a new one the next time."""
         rmf = self._lasting.joined
-        if rmf is None or not self._may_publish():
+        if rmf is None or not self.may_publish():
             return
         try:
             publish(rmf)

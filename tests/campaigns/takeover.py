@@ -8,7 +8,8 @@ Each machine and the witness are in a network namespace of their own, so that ne
 and nothing is cut. Faults are divided among pairs of managers; --lanes is how many pairs run at once. In one pair of four the controller
 has a single slot for a connection, and keeps that of a silent peer for 10 s; in every second one the lift is used by a robot with rides.
 Each machine reaches the controller over a cable of its own, which writes down when which bytes passed. Observers watch the key at each
-member of etcd. Clocks are those of one computer, so all times can be compared. Everything that was made is removed at the end.
+member of etcd. Clocks are those of one computer, so all times can be compared. Everything that was made is removed at
+the end, and the namespaces of a command that was killed by the next one.
 """
 
 import argparse
@@ -559,7 +560,7 @@ class Part:
         with ExitStack() as stack:
             network: Network = Loopback()
             if not loopback:
-                network = stack.enter_context(namespaces(f"takeover-{os.getpid()}-{self.seed}"))
+                network = stack.enter_context(namespaces(self.seed))
             return self._run(network, folder, cancelled)
 
     def _run(self, network: Network, folder: Path, cancelled: threading.Event) -> Tally:

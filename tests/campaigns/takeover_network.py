@@ -10,10 +10,12 @@ outside the namespaces is changed.
 """
 
 import os
+import re
 import signal
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Protocol
 
 MACHINES = ("north", "south")
@@ -133,14 +135,33 @@ class Namespaces:
         return f"{self.prefix}-{machine}"
 
 
+_OWN_NAME = re.compile(rf"(takeover-(\d+)-\d+)-(?:{'|'.join((_SWITCH, *MACHINES, WITNESS, FIELD))})")
+"""The prefix holds the id of the command's process, and the seed."""
+
+
+def leftovers(names: Iterable[str], is_running: Callable[[int], bool]) -> set[str]:
+    """Return the prefixes of the namespaces, among all of a computer, whose command does not run any more."""
+    ours = filter(None, map(_OWN_NAME.fullmatch, names))
+    return {found[1] for found in ours if not is_running(int(found[2]))}
+
+
+def _remove_leftovers() -> None:
+    """Remove what commands left that were killed, with the programs that still run in it."""
+    shown = _run("ip", "netns", "list")
+    names = (line.split()[0] for line in shown.splitlines())  # an id may follow the name
+    for prefix in leftovers(names, lambda process: Path(f"/proc/{process}").exists()):
+        Namespaces(prefix).remove()
+
+
 @contextmanager
-def namespaces(prefix: str) -> Iterator[Namespaces]:
-    """Make namespaces, and remove them whatever happens. Raises CannotMakeNetworks."""
+def namespaces(seed: int) -> Iterator[Namespaces]:
+    """Make namespaces, and remove them whatever happens, `kill -9` of the command included: the next one does. Raises CannotMakeNetworks."""
     if os.geteuid() != 0:
         raise CannotMakeNetworks(
             "network namespaces need root: run it with sudo, or with --loopback, where nothing is cut"
         )
-    made = Namespaces(prefix)
+    _remove_leftovers()
+    made = Namespaces(f"takeover-{os.getpid()}-{seed}")
     try:
         made.make()
         yield made
@@ -148,10 +169,11 @@ def namespaces(prefix: str) -> Iterator[Namespaces]:
         made.remove()
 
 
-def _run(*words: str, given: str = "") -> None:
+def _run(*words: str, given: str = "") -> str:
     try:
         done = subprocess.run(words, input=given, capture_output=True, text=True, check=False)
     except FileNotFoundError as error:
         raise CannotMakeNetworks(f"there is no {words[0]}: apt-get install iproute2 nftables") from error
     if done.returncode:
         raise CannotMakeNetworks(f"{' '.join(words)}: {done.stderr.strip()}")
+    return done.stdout

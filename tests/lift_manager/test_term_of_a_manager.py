@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 
 import httpx
@@ -71,10 +71,10 @@ class Manager:
         self.term.renew(Term(role=Role.LEAVING, until=asyncio.get_running_loop().time() + remaining_s))
 
 
-def play(folder: Path, check: Callable[[Manager], Awaitable[None]]) -> None:
+def play(folder: Path, check: Callable[[Manager], Awaitable[None]], lift_of: Mapping[str, object] = LIFT) -> None:
     async def run(lift: LiftSimulator) -> None:
         path = folder / "site.yaml"
-        path.write_text(json.dumps(site_file(plan_lifts((LIFT,), folder), {"lift": lift.ports}, folder)), "utf-8")
+        path.write_text(json.dumps(site_file(plan_lifts((lift_of,), folder), {"lift": lift.ports}, folder)), "utf-8")
         stop, ready, recorder = asyncio.Event(), asyncio.Event(), MemoryRecorder()
         rmf = LastingRmf(FakeRmf, Alarms(), asyncio.get_running_loop().time)
         faces = app.Faces(rmf=RosSettings(), lasting_rmf=rmf)
@@ -95,7 +95,7 @@ def play(folder: Path, check: Callable[[Manager], Awaitable[None]]) -> None:
                     stop.set()
                     await asyncio.wait([manager.running])
 
-    with Bench((LIFT,), near=folder, folder=folder) as bench:
+    with Bench((lift_of,), near=folder, folder=folder) as bench:
         asyncio.run(run(bench.simulator()))
 
 
@@ -150,3 +150,13 @@ def test_the_journal_says_which_machine_commands_the_lifts_and_in_which_epoch(tm
         assert "the manager on north is active, in epoch 7" in texts
 
     play(tmp_path, check)
+
+
+def test_a_controller_that_arbitrates_is_shown_the_epoch_of_the_term(tmp_path: Path) -> None:
+    async def check(manager: Manager) -> None:
+        await manager.hold_door()
+        reply = await manager.http.get("/api/v1/lifts/lift/signals")
+        shown = {signal["name"]: signal["raw"] for signal in reply.json()["signals"]}
+        assert shown["epoch"] == 7
+
+    play(tmp_path, check, {**LIFT, "map": "generic-registers-cluster"})

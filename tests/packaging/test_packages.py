@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
+from lift_manager.hub.folder import HubFolder
 from tests.support.programs import HANGS_S, ROOT, eventually, free_port, running
 from tests.support.rows import each_row
 
@@ -239,8 +240,8 @@ def test_the_health_check_is_about_the_manager_and_not_about_its_controllers(tmp
         eventually(lambda: healthy(f"http://127.0.0.1:{port}/healthz").returncode == 0)
 
 
-def services() -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load((DEPLOY / "container" / "compose.yaml").read_text())["services"]
+def services(folder: str = "container") -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load((DEPLOY / folder / "compose.yaml").read_text())["services"]
     return found
 
 
@@ -280,3 +281,28 @@ def test_prometheus_of_compose_scrapes_what_the_manager_listens_on() -> None:
     assert job["static_configs"] == [{"targets": ["lift-manager:5003"]}]
     mounted = services()["prometheus"]["volumes"]
     assert any(volume.endswith(f":{job['authorization']['credentials_file']}:ro") for volume in mounted)
+
+
+HUB_FOLDER = DEPLOY / "container" / "hub"
+
+
+def test_the_containers_of_a_hub_can_write_its_folder_and_nothing_else() -> None:
+    for name, service in services("container/hub").items():
+        assert service["read_only"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert service["volumes"] == (["./hub:/hub"] if name == "hub" else ["./hub:/hub:ro"])
+        # on this computer alone, unless somebody says another address
+        assert all(re.match(r"127\.0\.0\.1:|\$\{LEAF_HOST:-127\.0\.0\.1\}:", port) for port in service["ports"]), name
+
+
+def test_the_hub_and_the_servers_of_compose_find_each_other(tmp_path: Path) -> None:
+    shutil.copy(HUB_FOLDER / "hub.yaml", tmp_path)
+    settings = HubFolder(tmp_path).settings().nats
+    servers = {name: service for name, service in services("container/hub").items() if name != "hub"}
+    assert [url.partition("://")[2] for url in settings.servers] == [f"{name}:4222" for name in servers]
+    routes = re.findall(r"tls://(\w+):6222", (DEPLOY / "nats" / "server.conf").read_text())
+    assert routes == list(servers)
+    assert {service["environment"]["NATS_NAME"] for service in servers.values()} == set(servers)
+    published = [port.rpartition("}:")[2] for service in servers.values() for port in service["ports"]]
+    assert published == [f"{address.rpartition(':')[2]}:7422" for address in settings.address]

@@ -142,11 +142,26 @@ def test_only_the_machine_that_goes_on_alone_replaces_what_etcd_holds() -> None:
 def test_what_it_decided_alone_can_be_given_up() -> None:
     etcd = alone()
     with pytest.raises(ClusterUnusable, match="and not south"):
-        operations.forget_solo(etcd, PLACE, "south")
+        operations.forget_solo(etcd, PLACE, "south", unchanged_s=0.0)
     for _ in range(2):
-        operations.forget_solo(etcd, PLACE, "north")
+        operations.forget_solo(etcd, PLACE, "north", unchanged_s=0.0)
     assert operations.read_status(etcd, PLACE).solo is None
     assert EtcdStore(etcd, PLACE, NORTH, MACHINES).load() == {"east": EVERYTHING}
+
+
+@pytest.mark.parametrize("knows_of_it", [True, False])
+def test_a_controller_obeys_the_managers_that_continue_without_what_was_decided_alone(*, knows_of_it: bool) -> None:
+    etcd = alone() if knows_of_it else prepared()
+    operations.forget_solo(etcd, PLACE, "north", 0 if knows_of_it else SOLO.epoch, unchanged_s=0.0)
+    assert operations.read_status(etcd, PLACE).key.epoch == SOLO.epoch
+
+
+def test_an_active_manager_stays_in_its_epoch_when_what_was_decided_alone_is_given_up() -> None:
+    etcd = Renewed()
+    etcd.transact([], [put(PLACE.head, encode_head(Head(9, "x"))), put(PLACE.solo, encode_solo(SOLO))])
+    operations.forget_solo(etcd, PLACE, "north", unchanged_s=0.0)
+    status = operations.read_status(etcd, PLACE)
+    assert (status.key.epoch, status.key.owner, status.solo) == (NORTH.epoch, "north", None)
 
 
 def test_without_a_majority_the_member_that_knows_most_is_found() -> None:

@@ -225,11 +225,24 @@ def test_a_machine_that_was_active_keeps_no_alarm_for_later_readers() -> None:
     play(scene)
 
 
-def test_what_the_active_machine_publishes_is_no_rival_to_a_standby() -> None:
-    async def scene(north: Machine, south: Machine) -> None:
-        south.rmfs[0].deliver(lambda: south.rmfs[0].listener.on_rival("Lift1"))
+def test_only_in_its_term_a_machine_has_rivals(caplog: pytest.LogCaptureFixture) -> None:
+    async def scene(north: Machine, _: Machine) -> None:
+        def publish_of_another() -> None:
+            north.rmfs[0].deliver(lambda: north.rmfs[0].listener.on_rival("Lift1"))
+
+        publish_of_another()
+        await north.begin_term()
         await elapse(1.0)
-        assert north.rmfs[0].states == south.rmfs[0].states == []
+        north.may_publish = False  # it was stopped for longer than its term
+        publish_of_another()
+        await elapse(1.0)
+        assert "another program" not in caplog.text
+        await north.end_term()
+        await north.begin_term()
+        publish_of_another()
+        await elapse(1.0)
+        assert "another program publishes the state of Lift1 too" in caplog.text
+        await north.end_term()
 
     play(scene)
 
