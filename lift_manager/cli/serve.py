@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Protocol, TypeVar
 
 import typer
 
@@ -65,6 +65,9 @@ NO_WORKERS = (
     " of its own"
 )
 """Web servers offer `--workers`, so people try it."""
+
+
+Failure = TypeVar("Failure", bound=BaseException)
 
 
 class Run(Protocol):
@@ -139,11 +142,17 @@ def _serve_site(
         try:
             released = run(_serve(loaded, sock, run_on(sock), faces, stopped_early))
         except* DdsError as group:
-            raise report_join_failure(group.exceptions[0]) from group
+            raise report_join_failure(_first_of(group)) from group
         except* (ControllerTaken, LockUnusable, ListenError, ClusterError) as group:
-            raise fail(str(group.exceptions[0])) from group
+            raise fail(str(_first_of(group))) from group
     if not released:
         raise typer.Exit(1)
+
+
+def _first_of(group: BaseExceptionGroup[Failure]) -> Failure:
+    """Return the first exception of a group, which may be in groups inside it."""
+    first = group.exceptions[0]
+    return _first_of(first) if isinstance(first, BaseExceptionGroup) else first
 
 
 def _run(loaded: LoadedSite) -> Callable[[socket], Run]:

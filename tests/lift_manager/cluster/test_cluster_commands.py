@@ -8,6 +8,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from drivers.modbus.controller_lock import controller_lock
 from lift_manager.cluster.content import Place, Solo, encode_key, encode_number, encode_solo
 from lift_manager.cluster.etcd import Etcd, put, read
 from lift_manager.cluster.term import Key
@@ -32,15 +33,15 @@ SWITCHED_OFF = "127.255.255.255"
 """An address that takes no connection and refuses none, on any computer: the kernel has no route for one to a broadcast address."""
 
 
-def site(folder: Path, members: Members, **cluster: object) -> Path:
+def site(folder: Path, members: Members | None, **cluster: object) -> Path:
     addresses = {"north": {"address": "http://10.0.0.1:5003"}, "south": {"address": f"http://{SWITCHED_OFF}:5003"}}
     written = {
         "schema": 1,
         "name": folder.name,
         "state": "state",
-        "controllers": {"plc": {"host": "127.0.0.1", "map": "generic-registers"}},
+        "controllers": {"plc": {"host": "127.0.0.1", "port": free_port(), "map": "generic-registers"}},
         "lifts": {"main": {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}}},
-        "cluster": {"machines": addresses, "etcd": members.urls} | cluster,
+        "cluster": {"machines": addresses, "etcd": members.urls if members else []} | cluster,
     }
     path = folder / "site.yaml"
     path.write_text(json.dumps(written), "utf-8")
@@ -136,6 +137,16 @@ def test_a_machine_goes_on_alone_and_joins_the_other_again(tmp_path: Path) -> No
         audit = call("audit", path, "--kind", "person").stdout
         assert "north goes on alone since" in audit
         assert "north goes on with south again" in audit
+
+
+def test_a_machine_that_goes_on_alone_ends_in_words_if_another_program_has_its_controller(tmp_path: Path) -> None:
+    path = site(tmp_path, None, etcd=["http://127.0.0.1:1"])
+    port = json.loads(path.read_text("utf-8"))["controllers"]["plc"]["port"]
+    with controller_lock("127.0.0.1", port):
+        assert call(*by_eve("cluster", "solo", path, "--off", "south")).returncode == 0
+        with running("serve", path, "--machine", "north", "--port", "0") as program:
+            assert program.ended() == 1
+            assert f"127.0.0.1:{port}" in program.err.splitlines()[-1]
 
 
 def test_an_etcd_that_was_lost_is_made_again_above_the_epochs_that_the_journal_has(
