@@ -189,16 +189,18 @@ def test_what_a_machine_decided_alone_is_discarded_or_given_up_with_the_machine(
 
 
 def test_a_decision_that_cannot_be_read_starts_nothing(tmp_path: Path, members: Members) -> None:
-    path = site(tmp_path, members)
-    (tmp_path / "state").mkdir()
+    path = site(tmp_path, members, machine="north")
+    (tmp_path / "state").mkdir(mode=0o700)
     decision = store_path(tmp_path.name, "state", path, {}).with_suffix(".db.solo")
     decision.write_text("{", "utf-8")
     for words in (("serve", path, "--machine", "north"), ("cluster", "init", path)):
         refused = call(*words)
         assert (refused.returncode, str(decision) in refused.stderr) == (1, True)
+    assert f"caution: cluster: {decision}, which says" in call("check", path).stdout
     decision.write_bytes(encode_solo(Solo("abc", "south", "north", "Eve", "today", 1_000_000, 0, 0)))
     refused = call("serve", path, "--machine", "north")
     assert (refused.returncode, "is of another one" in refused.stderr) == (1, True)
+    assert "caution: cluster: south goes on alone since today" in call("check", path).stdout
 
 
 TOOLS = (
