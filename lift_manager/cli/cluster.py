@@ -28,6 +28,7 @@ from lift_manager.cluster.errors import ClusterError
 from lift_manager.cluster.etcd import Etcd
 from lift_manager.cluster.replica import Replica
 from lift_manager.cluster.solo_file import SoloFile
+from lift_manager.cluster.term import HIGHEST_EPOCH
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Cluster
 from lift_manager.lift.journal import Json, Row, RowKind
@@ -68,11 +69,23 @@ def init(
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace what etcd holds for the site; both managers have ended.")
     ] = False,
+    epoch: Annotated[
+        int,
+        typer.Option(
+            "--epoch",
+            metavar="N",
+            min=0,
+            max=HIGHEST_EPOCH - 1,
+            help="The highest epoch that a controller of the site shows, for an etcd that was set up again.",
+        ),
+    ] = 0,
 ) -> None:
     """Prepare etcd for a site, once.
 
     What the manager of this machine remembers, such as lockouts, becomes what both machines remember. Run it on the machine whose
     manager has served the site so far, after that manager has ended.
+
+    Controllers that arbitrate keep the epoch that they have obeyed. An etcd that was set up again begins at 0, and with --epoch above theirs.
 
     Example: lift-manager cluster init site.yaml
     """
@@ -81,8 +94,10 @@ def init(
         raise fail(f"{solo.text}; `lift-manager cluster join` brings what it remembers to etcd")
     records, known = _records_of(loaded), _newest_epoch(loaded)
     bring = operations.replace if replace else operations.prepare
-    _with_etcd(loaded, lambda etcd, place: bring(etcd, place, records, known_epoch=known))
-    print_lines([f"{loaded.site.name}: etcd is prepared, with the records of {counted(len(records), 'lift')}"])
+    _with_etcd(loaded, lambda etcd, place: bring(etcd, place, records, epoch=epoch, known_epoch=known))
+    begins = _with_etcd(loaded, operations.read_status).key.epoch
+    remembered = f"the records of {counted(len(records), 'lift')}"
+    print_lines([f"{loaded.site.name}: etcd is prepared, with {remembered}; the first term has epoch {begins + 1}"])
 
 
 @app.command()

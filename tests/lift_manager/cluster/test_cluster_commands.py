@@ -55,8 +55,11 @@ def test_a_site_is_prepared_once_and_its_status_shown(tmp_path: Path, members: M
     assert call("cluster", "init", path).returncode == 0
     again = call("cluster", "init", path)
     assert (again.returncode, "holds this site already" in again.stderr) == (1, True)
+    raised = call("cluster", "init", path, "--replace", "--epoch", "70000")
+    assert (raised.returncode, "the first term has epoch 70001" in raised.stdout) == (0, True)
+    assert "no machine is active; epoch 70000, commit 0" in call("cluster", "status", path).stdout
     assert call("cluster", "init", path, "--replace").returncode == 0
-    assert "no machine is active; epoch 0, commit 0" in call("cluster", "status", path).stdout
+    assert "no machine is active; epoch 70000, commit 0" in call("cluster", "status", path).stdout
     etcd, place = Etcd(members.urls, timeout_s=5.0), Place(tmp_path.name)
     active = encode_key(Key(0, 3, "south", f"http://{SWITCHED_OFF}:5003"))
     etcd.transact([], [put(place.active, active), put(f"{place.copied}south", encode_number(0))])

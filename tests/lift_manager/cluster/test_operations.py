@@ -65,6 +65,20 @@ def test_what_etcd_holds_is_replaced_as_a_whole_and_the_epoch_only_rises() -> No
     assert PLACE.rows_of(3) not in etcd.entries
 
 
+@pytest.mark.parametrize(("epoch", "begins"), [(0, 4), (3, 4), (4, 4), (70_000, 70_000)])
+@pytest.mark.parametrize("is_replaced", [False, True])
+def test_an_etcd_begins_above_what_a_controller_has_obeyed_and_never_below_what_it_had_itself(
+    epoch: int, begins: int, *, is_replaced: bool
+) -> None:
+    etcd = MemoryEtcd()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH))])
+    if is_replaced:
+        operations.replace(etcd, PLACE, {}, epoch=epoch, unchanged_s=0.0)
+    else:
+        operations.prepare(etcd, PLACE, {}, epoch=epoch)
+    assert operations.read_status(etcd, PLACE).key.epoch == begins
+
+
 def test_an_etcd_that_is_new_begins_far_above_the_epochs_that_a_machine_knows() -> None:
     etcd = MemoryEtcd()
     operations.prepare(etcd, PLACE, {}, known_epoch=7)
