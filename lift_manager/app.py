@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache, partial
@@ -154,16 +154,21 @@ def build(
     recorder: Recorder | None = None,
     clock: Clock | None = None,
     claim: Claim | None = None,
+    prepare: Mapping[str, Callable[[], Awaitable[None]]] = {},
 ) -> ManagerParts:
     """Assemble a manager, with one link per controller for all its lifts, over the network by default.
 
-    `claim` is that of a term of a cluster, for controllers that arbitrate. Without a recorder, a restart loses sessions, decisions of people, and the journal.
+    In a cluster, `claim` is that of a term, for controllers that arbitrate, and `prepare` has what is to be done before connecting to a
+    controller, by its name. Without a recorder, a restart loses sessions, decisions of people, and the journal.
     """
     recorder = recorder or MemoryRecorder()
     clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
     make_wire = make_wire or network_wires(loaded.path.parent)
     bus: Bus[Event] = Bus()
-    links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
+    links = {
+        name: _link(name, spec, loaded.links[name], make_wire, prepare.get(name))
+        for name, spec in loaded.controllers.items()
+    }
     actors = tuple(
         LiftActor(driver, lift_config(name, loaded, driver), bus, recorder, clock=clock)
         for name, driver in ((name, _driver(name, loaded, links, claim)) for name in loaded.site.lifts)
@@ -353,7 +358,8 @@ def _build_for(term: ActiveTerm | None, loaded: LoadedSite, recorder: Recorder |
         return build(loaded, recorder=recorder)
     cluster = loaded.site.cluster
     claim = Claim(term.key.epoch, 0 if cluster is None else cluster.number_of(term.key.owner))
-    parts = build(loaded, network_wires(loaded.path.parent, term), recorder=recorder, claim=claim)
+    wires = network_wires(loaded.path.parent, term)
+    parts = build(loaded, wires, recorder=recorder, claim=claim, prepare=term.prepare)
     for actor in parts.actors:
         term.follow(actor.driver.fence)
     return parts
@@ -528,7 +534,13 @@ async def _flush_journal(recorder: Recorder, polling: asyncio.Task[None]) -> Non
         )
 
 
-def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[[Controller], Wire]) -> Link:
+def _link(
+    name: str,
+    spec: Controller,
+    needs: LinkDefaults,
+    make_wire: Callable[[Controller], Wire],
+    prepare: Callable[[], Awaitable[None]] | None,
+) -> Link:
     settings = LinkSettings(
         timeout_s=needs.timeout_s,
         connect_timeout_s=spec.connect_timeout_s,
@@ -539,7 +551,7 @@ def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[
         tid_echo=needs.tid_echo,
         tls=spec.tls is not None,
     )
-    return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})")
+    return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})", prepare=prepare)
 
 
 def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], claim: Claim | None) -> ModbusLift:

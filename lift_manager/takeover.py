@@ -20,6 +20,7 @@ from lift_manager.cluster.certificates import EtcdCertificates
 from lift_manager.cluster.connect import cluster_of, etcd_of
 from lift_manager.cluster.content import Place, Solo
 from lift_manager.cluster.errors import ClusterError
+from lift_manager.cluster.fence import fences_of
 from lift_manager.cluster.member import ActiveTerm, Member
 from lift_manager.cluster.replica import Replica, copy_all
 from lift_manager.cluster.solo_file import SoloFile
@@ -248,6 +249,8 @@ async def _command(
         return True
     finally:
         loading.stop()
+    fences = fences_of(loaded, term.key.owner, term.key.epoch)
+    term.prepare = {controller: fence.close for controller, fence in fences.items()}
     committer = Committer(store, where, records)
     with sock.dup() as own_sock:
         return await app.run(

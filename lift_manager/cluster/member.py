@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 from asyncio import Future
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -58,6 +58,8 @@ class ActiveTerm:
         """OPEN is to be withdrawn and everything released; or all of it is over already."""
         self.releases = asyncio.Event()
         """Everything is to be released now, whoever is in a doorway."""
+        self.prepare: Mapping[str, Callable[[], Awaitable[None]]] = {}
+        """What is to be done before the first connection to a controller in this term, by its name."""
         self.handed_over_by = ""
         """Who has requested that the other machine takes over; then the term is over, and all is left as it is for that one."""
         self.over = asyncio.Event()

@@ -8,6 +8,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from drivers.errors import ConnectFailed, ConnectProblem
 from lift_manager import app
 from lift_manager.cluster.member import ActiveTerm
 from lift_manager.cluster.term import Key, Role, Term
@@ -71,7 +72,16 @@ class Manager:
         self.term.renew(Term(role=Role.LEAVING, until=asyncio.get_running_loop().time() + remaining_s))
 
 
-def play(folder: Path, check: Callable[[Manager], Awaitable[None]], lift_of: Mapping[str, object] = LIFT) -> None:
+async def nothing() -> None:
+    """There is nothing to be done before a connection."""
+
+
+def play(
+    folder: Path,
+    check: Callable[[Manager], Awaitable[None]],
+    lift_of: Mapping[str, object] = LIFT,
+    prepare: Callable[[], Awaitable[None]] = nothing,
+) -> None:
     async def run(lift: LiftSimulator) -> None:
         path = folder / "site.yaml"
         path.write_text(json.dumps(site_file(plan_lifts((lift_of,), folder), {"lift": lift.ports}, folder)), "utf-8")
@@ -79,14 +89,14 @@ def play(folder: Path, check: Callable[[Manager], Awaitable[None]], lift_of: Map
         rmf = LastingRmf(FakeRmf, Alarms(), asyncio.get_running_loop().time)
         faces = app.Faces(rmf=RosSettings(), lasting_rmf=rmf)
         term = ActiveTerm(Key(1, 7, "north"), asyncio.get_running_loop().time)
+        loaded = load_site(path)
+        term.prepare = dict.fromkeys(loaded.controllers, prepare)
         with listen("127.0.0.1", 0) as sock:
             address = f"http://127.0.0.1:{sock.getsockname()[1]}"
             async with asyncio.timeout(HANGS_S), httpx.AsyncClient(base_url=address, trust_env=False) as http:
                 manager = Manager(lift, http, term, recorder, rmf)
                 manager.renew(3600.0)
-                running = app.run(
-                    load_site(path), sock, stop=stop, ready=ready.set, recorder=recorder, faces=faces, term=term
-                )
+                running = app.run(loaded, sock, stop=stop, ready=ready.set, recorder=recorder, faces=faces, term=term)
                 manager.running = asyncio.create_task(running)
                 await ready.wait()
                 try:
@@ -160,3 +170,23 @@ def test_a_controller_that_arbitrates_is_shown_the_epoch_of_the_term(tmp_path: P
         assert shown["epoch"] == 7
 
     play(tmp_path, check, {**LIFT, "map": "generic-registers-cluster"})
+
+
+def test_until_its_fence_is_closed_a_lift_is_offline_and_says_why(tmp_path: Path) -> None:
+    is_closed = asyncio.Event()
+
+    async def close() -> None:
+        if not is_closed.is_set():
+            raise ConnectFailed("plc", ConnectProblem.OTHER, "its fence is not closed")
+
+    async def check(manager: Manager) -> None:
+        lift = (await manager.http.get("/api/v1/lifts/lift")).text
+        assert '"quality":"offline"' in lift
+        assert "its fence is not closed" in lift
+        assert (await manager.http.get("/readyz")).json()["live"] == 0
+        is_closed.set()
+        while not (await manager.http.get("/readyz")).json()["live"]:
+            pass
+        await manager.hold_door()
+
+    play(tmp_path, check, prepare=close)
