@@ -24,7 +24,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare 
 from benchmarks import common, fleet, press
 
 WHOLE, QUARTER = "whole core", "quarter"
-NEIGHBOURS = {WHOLE: 0, QUARTER: 3}
 
 
 def _count(core: int | None) -> None:
@@ -53,12 +52,13 @@ def main(chosen: argparse.Namespace) -> None:
     core, other = common.two_cores()
     if core is None or core == other:
         print("not two cores of its own: neighbours slow clients and controllers as well")
-    fleets: dict[str, list[fleet.Round]] = {name: [] for name in NEIGHBOURS}
-    took_ms: dict[str, list[float]] = {name: [] for name in NEIGHBOURS}
+    busy = {WHOLE: 0, QUARTER: chosen.neighbours}
+    fleets: dict[str, list[fleet.Round]] = {name: [] for name in busy}
+    took_ms: dict[str, list[float]] = {name: [] for name in busy}
     common.pin(other)
     with common.controllers(chosen.lifts, 5, other) as ports:
         for _ in range(chosen.rounds):
-            for name, count in NEIGHBOURS.items():
+            for name, count in busy.items():
                 with neighbours(count, core), tempfile.TemporaryDirectory(dir=chosen.folder) as folder:
                     fleets[name].append(fleet.run_round(fleet.MANAGER, ports, fleet.Plan(chosen.seconds, core)))
                     serve = partial(common.manager, Path(folder), core=core)
@@ -66,7 +66,7 @@ def main(chosen: argparse.Namespace) -> None:
     figures = common.Figures()
     print(f"{'':12}{'polls':>9}{'age p50':>11}{'p99':>10}{'us/poll':>9}{'POST p50':>12}{'p90':>11}")
     shown: dict[str, tuple[float, float, float]] = {}
-    for name in NEIGHBOURS:
+    for name in busy:
         one, posts = fleet.median(fleets[name]), sorted(took_ms[name])
         rate, p90 = one.polls_per_s * common.POLL_S / chosen.lifts, posts[len(posts) * 9 // 10]
         shown[name] = rate, one.age_p99_s, statistics.median(posts)
@@ -89,5 +89,8 @@ if __name__ == "__main__":
     parser.add_argument("--seconds", type=float, default=5.0, help="of polls in each round")
     parser.add_argument("--presses", type=int, default=12, help="in each round")
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument(
+        "--neighbours", type=int, default=3, help="processes that count; only with three is it a quarter of the core"
+    )
     parser.add_argument("--folder", type=Path, default=None, help="a folder on the disk to be measured")
     main(parser.parse_args())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
 
@@ -176,7 +176,7 @@ def falsify_registers(shown: ShownRegisters, faults: frozenset[Fault], floors: i
     sides = frozenset(fault.side for fault in faults if isinstance(fault, ContradictingLimits))
     ahead = FloorAhead() in faults and _leaves(picture)
     if ahead:
-        picture = replace(picture, floor=_next_floor(picture, floors))
+        picture = picture._replace(floor=_next_floor(picture, floors))
     for fault in faults:
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
@@ -202,8 +202,7 @@ def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
         to = min(max(floor + by, 0), floors - 1)
         return to if to != floor else min(max(floor - by, 0), floors - 1)
 
-    return replace(
-        picture,
+    return picture._replace(
         floor=other(picture.floor),
         level_floor=None if picture.level_floor is None else other(picture.level_floor),
         door_open_floor=None if picture.door_open_floor is None else other(picture.door_open_floor),
@@ -341,9 +340,9 @@ def step_stopped(state: State, dt: float, parameters: Parameters) -> State:
 
 def _braked(car: shaft.State, parameters: Parameters) -> shaft.State:
     """Return the car one scan later; without doors, because the mechanics would close them."""
-    without = replace(car, doors={})
+    without = car._replace(doors={})
     braked = shaft.step(without, shaft.Orders(), parameters.scan_s * parameters.speed, parameters.shaft)
-    return replace(braked, doors=car.doors)
+    return braked._replace(doors=car.doors)
 
 
 def restarted(state: State, key: Key, parameters: Parameters) -> State:

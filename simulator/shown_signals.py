@@ -64,6 +64,9 @@ class ShownSignals:
         self._positions = _positions(position, self._codes, heights_m) if position is not None else ()
         """Height of each floor in metres, and the position reported there."""
         self._knows_no_position = position is not None and bool(position.unknown)
+        self._inserted: tuple[ShownState, FalseSignals, Claim] | None = None
+        """What was inserted last, with these bits of each signal but the counters."""
+        self._bits: list[tuple[SignalCodec, list[tuple[str, Point]], int | None]] = []
         self._raw: dict[str, dict[Value, int | None]] = {name: {} for name in codec.signals}
         """What each value was found to be in raw bits; None: there are none for it."""
         self._has_unknown_floor_code = floor is not None and self._encoded(floor, None) is not None
@@ -77,15 +80,15 @@ class ShownSignals:
         obeyed: Claim = NO_CLAIM,
     ) -> None:
         """Put every signal into a register image; `beat` is what a counter stands at, `obeyed` whom the controller obeys."""
-        for signal, places in self._signals:
-            value = self._value(signal, picture, beat, false_signals, obeyed)
-            encoded = self._raw[signal.name]
-            if signal.kind is Kind.COUNTER or signal.name == "car_position":
-                raw: int | None = signal.encode(value)
-            elif value in encoded:
-                raw = encoded[value]
-            else:
-                raw = encoded[value] = self._encoded(signal, value)
+        inserted = self._inserted
+        if inserted is None or picture is not inserted[0] or false_signals is not inserted[1] or obeyed != inserted[2]:
+            self._inserted = picture, false_signals, obeyed
+            self._bits = [
+                (signal, places, self._raw_of(signal, picture, beat, false_signals, obeyed))
+                for signal, places in self._signals
+            ]
+        for signal, places, bits in self._bits:
+            raw = signal.encode(beat) if signal.kind is Kind.COUNTER else bits
             if raw is not None:
                 _insert(image, places, raw)
         for side in false_signals.contradicting:
@@ -94,6 +97,18 @@ class ShownSignals:
             for signal, places in self._signals:
                 if signal.name in false_signals.disconnected:
                     _insert(image, places, 0)
+
+    def _raw_of(
+        self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals, obeyed: Claim
+    ) -> int | None:
+        """Return the bits that a signal shows; None where the map has none for its value."""
+        value = self._value(signal, picture, beat, false_signals, obeyed)
+        if signal.kind is Kind.COUNTER or signal.name == "car_position":
+            return signal.encode(value)
+        encoded = self._raw[signal.name]
+        if value not in encoded:
+            encoded[value] = self._encoded(signal, value)
+        return encoded[value]
 
     def _value(
         self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals, obeyed: Claim

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from benchmarks import common
-from benchmarks.__main__ import BEGIN, BENCHMARKS, END, with_section
+from benchmarks.__main__ import BEGIN, BENCHMARKS, END, main, with_section
 from tests.support.programs import HANGS_S
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,11 +26,7 @@ def test_every_benchmark_runs_and_its_figures_are_written(name: str, tmp_path: P
     readme, disk = tmp_path / "README.md", tmp_path / "disk"
     readme.write_text(README, "utf-8")
     disk.mkdir()
-    command = [sys.executable, "-m", "benchmarks", "--quick", "--only", name, "--into", str(tmp_path)]
-    done = subprocess.run(
-        [*command, "--folder", str(disk)], cwd=ROOT, capture_output=True, text=True, timeout=2 * HANGS_S, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    main(["--quick", "--only", name, "--into", str(tmp_path), "--folder", str(disk)])
     written = readme.read_text("utf-8")
     assert f"### `{name}.py`" in written
     figures = [line for line in written.splitlines() if line.startswith("| ") and not line.startswith("| measure ")]
@@ -40,6 +36,13 @@ def test_every_benchmark_runs_and_its_figures_are_written(name: str, tmp_path: P
     assert {file.name for file in tmp_path.glob("*.svg")} == pictures
     assert all(ET.parse(tmp_path / file).getroot().tag.endswith("svg") for file in pictures)
     assert not list(disk.iterdir())
+
+
+def test_the_command_refuses_a_benchmark_that_there_is_not() -> None:
+    command = [sys.executable, "-m", "benchmarks", "--only", "startups"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=HANGS_S, check=False)
+    assert done.returncode == 2
+    assert "invalid choice: 'startups'" in done.stderr
 
 
 def test_the_command_runs_every_benchmark_of_the_folder() -> None:

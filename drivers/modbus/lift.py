@@ -99,7 +99,9 @@ class ModbusLift:
         self._writer = Writer(codec, self._commands, self._units, settings, notes)
         self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._reports.report)
         self._arbitration = (
-            None if codec.arbitration is None else Arbitration(claim, self._outputs.set_claim, self._note)
+            Arbitration(claim, self._outputs.set_claim, self._note)
+            if codec.arbitration is not None and settings.control
+            else None
         )
         self._permissions = self._new_permissions()
         self._foreign_writes = self._new_foreign_write_check()

@@ -29,15 +29,17 @@ from lift_manager.cluster.errors import ClusterError
 from lift_manager.cluster.etcd import Etcd
 from lift_manager.cluster.replica import Replica
 from lift_manager.cluster.solo_file import SoloFile
+from lift_manager.cluster.term import HIGHEST_EPOCH
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Cluster
 from lift_manager.lift.journal import Json, Row, RowKind
 from lift_manager.plain.text import counted
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.errors import StoreError
-from lift_manager.store.read import microseconds
+from lift_manager.store.read import RowFilter, microseconds, open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import open_copy, read_records_of_site
+from lift_manager.store.sqlite import to_pending
 from lift_manager.store.store import PendingRow, Store
 
 app = typer.Typer(no_args_is_help=True, help="Prepare and inspect the two machines of a site.")
@@ -50,13 +52,6 @@ ON_WITHIN_S = 2.0
 """How long a machine may take to accept a connection, or refuse it, and still counts as on. Chosen: it is in the same building."""
 
 PORTS = {"http": 80, "https": 443}
-
-SOLO_EPOCHS = 1_000_000
-"""How far the epoch of a machine that goes on alone is above the newest that it knows. Chosen: the other one had no more terms since,
-and 32 bits have room for thousands of such decisions."""
-
-ROWS_SEARCHED = 10_000
-"""Rows of the journal in which the newest epoch is looked for if no member of etcd answers. Chosen: days of a busy site."""
 
 Result = TypeVar("Result")
 
@@ -76,21 +71,35 @@ def init(
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace what etcd holds for the site; both managers have ended.")
     ] = False,
+    epoch: Annotated[
+        int,
+        typer.Option(
+            "--epoch",
+            metavar="N",
+            min=0,
+            max=HIGHEST_EPOCH - 1,
+            help="The highest epoch that a controller of the site shows, for an etcd that was set up again.",
+        ),
+    ] = 0,
 ) -> None:
     """Prepare etcd for a site, once.
 
     What the manager of this machine remembers, such as lockouts, becomes what both machines remember. Run it on the machine whose
     manager has served the site so far, after that manager has ended.
 
+    Controllers that arbitrate keep the epoch that they have obeyed. An etcd that was set up again begins at 0, and with --epoch above theirs.
+
     Example: lift-manager cluster init site.yaml
     """
     loaded = load_site_or_exit(site)
     if (solo := _solo_of(loaded)) is not None:
         raise fail(f"{solo.text}; `lift-manager cluster join` brings what it remembers to etcd")
-    records = _records_of(loaded)
+    records, known = _records_of(loaded), _newest_epoch(loaded)
     bring = operations.replace if replace else operations.prepare
-    _with_etcd(loaded, lambda etcd, place: bring(etcd, place, records))
-    print_lines([f"{loaded.site.name}: etcd is prepared, with the records of {counted(len(records), 'lift')}"])
+    _with_etcd(loaded, lambda etcd, place: bring(etcd, place, records, epoch=epoch, known_epoch=known))
+    begins = _with_etcd(loaded, operations.read_status).key.epoch
+    remembered = f"the records of {counted(len(records), 'lift')}"
+    print_lines([f"{loaded.site.name}: etcd is prepared, with {remembered}; the first term has epoch {begins + 1}"])
 
 
 @app.command()
@@ -148,15 +157,15 @@ def solo(site: SiteFile, by: By, off: Off, machine: Machine = None) -> None:
             while replica.step(_now_us()).more:
                 pass
             copied = known[2]
-        rows = disk.tail(ROWS_SEARCHED)
-        epoch = max(0 if known is None else known[1].epoch, 0 if before is None else before.epoch, _newest_epoch(rows))
+        rows = disk.tail(1)
+        epochs = (0 if known is None else known[1].epoch, 0 if before is None else before.epoch, _newest_epoch(loaded))
         decided = Solo(
             id=new_solo_id(),
             machine=here,
             off=other,
             by=by,
             since=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-            epoch=epoch + SOLO_EPOCHS,
+            epoch=max(epochs) + operations.EPOCHS_AHEAD,
             revision=0 if known is None else known[1].revision,
             commit=copied,
         )
@@ -327,9 +336,18 @@ def _write_down(disk: Store, text: str, by: str, data: Mapping[str, Json]) -> No
     disk.commit({}, [PendingRow(_now_us(), Row(RowKind.PERSON, text, caller=by, data=data))])
 
 
-def _newest_epoch(rows: Sequence[PendingRow]) -> int:
-    """Return the highest epoch of a takeover in these rows."""
-    epochs = (row.row.data.get("epoch") for row in rows)
+def _newest_epoch(loaded: LoadedSite) -> int:
+    """Return the epoch of the newest takeover in the journal of this machine; 0 if there is none."""
+    store = store_path_of(loaded)
+    if not store.exists():
+        return 0
+    takeovers = RowFilter(kinds=frozenset((RowKind.MANAGER,)), find="in epoch ")
+    try:
+        with open_journal(store) as journal:
+            rows = journal.newest(takeovers, 1)
+    except StoreError as error:
+        raise fail(str(error)) from error
+    epochs = [to_pending(row).row.data.get("epoch") for row in rows]
     return max((epoch for epoch in epochs if isinstance(epoch, int)), default=0)
 
 

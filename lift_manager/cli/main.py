@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import Annotated, Any
 
 import typer
@@ -115,7 +118,7 @@ class Commands(TyperGroup):
 def load_command(name: str) -> Any:
     """Import one command or group of commands."""
     module, _, attribute = COMMANDS[name].partition(":")
-    found = getattr(import_module(f"lift_manager.cli.{module}"), attribute)
+    found = getattr(_import(f"lift_manager.cli.{module}"), attribute)
     if isinstance(found, typer.Typer):
         command: Any = get_group(found)
     else:
@@ -125,6 +128,21 @@ def load_command(name: str) -> Any:
     command.name = name
     _unwrap_help(command)
     return command
+
+
+def _import(name: str) -> ModuleType:
+    """Import a module that imports most of the program.
+
+    What that brings stays as long as the process. To look through it for garbage, several times, would take a tenth of the start.
+    """
+    if name in sys.modules:
+        return sys.modules[name]
+    gc.disable()
+    try:
+        return import_module(name)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _unwrap_help(command: Any) -> None:

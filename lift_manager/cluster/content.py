@@ -3,8 +3,8 @@
 | key | value |
 |---|---|
 | `active` | epoch, owner and address of the active manager |
-| `head` | number and id of the newest commit |
-| `records/LIFT` | the record of a lift, as the store on the disk has it |
+| `head` | number and id of the newest commit, and the version of its writer |
+| `records/LIFT` | the record of a lift, as the store on the disk has it, and the version of its writer |
 | `rows/NUMBER` | the rows of the journal of one commit, until both machines have them on the disk |
 | `copied/MACHINE` | the number of the newest commit that a machine has on the disk |
 | `removed` | the number of the newest commit whose rows were removed |
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -30,6 +30,15 @@ from lift_manager.store.chain import StoredRow
 from lift_manager.store.record import decode, encode
 from lift_manager.store.sqlite import to_pending, to_stored
 from lift_manager.store.store import PendingRow
+
+Migration = Callable[[Any], Any]
+
+MIGRATIONS: tuple[Migration, ...] = ()
+"""Migration n turns the JSON of a record of version n + 1 into that of version n + 2. One machine is upgraded before the other, so a
+manager reads what older ones wrote; what a newer one wrote it refuses to read, and stands by."""
+
+VERSION = 1 + len(MIGRATIONS)
+"""The version of what this program writes to etcd."""
 
 
 class Place:
@@ -63,6 +72,8 @@ class Head:
     commit: int
     id: str
     """Different for each attempt, so that its writer recognizes it after a lost answer."""
+    version: int = VERSION
+    """Of what its writer writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +141,14 @@ def decode_key(entries: Sequence[Entry]) -> Key:
 
 def encode_head(head: Head) -> bytes:
     """Return the value of `head`."""
-    return _dump({"commit": head.commit, "id": head.id})
+    return _dump({"commit": head.commit, "id": head.id, "version": head.version})
 
 
 def decode_head(entry: Entry) -> Head:
-    """Return the newest commit. Raises ClusterUnusable."""
+    """Return the newest commit. Raises ClusterUnusable, also for that of a newer version."""
     with _reading(entry) as value:
-        return Head(value["commit"], value["id"])
+        _require_readable(value["version"])
+        return Head(value["commit"], value["id"], value["version"])
 
 
 def encode_handover(handover: Handover) -> bytes:
@@ -181,15 +193,17 @@ def decode_rows(entry: Entry) -> list[PendingRow]:
 
 def encode_record(saved: SavedLift) -> bytes:
     """Return the record of a lift."""
-    return encode(saved).encode()
+    return f'{{"version":{VERSION},"saved":{encode(saved)}}}'.encode()
 
 
-def decode_record(entry: Entry) -> SavedLift:
-    """Return the record of a lift. Raises ClusterUnusable."""
-    try:
-        return decode(entry.value.decode())
-    except ValueError as error:
-        raise _unusable(entry, str(error)) from error
+def decode_record(entry: Entry, migrations: Sequence[Migration] = MIGRATIONS) -> SavedLift:
+    """Return the record of a lift, which an older version may have written. Raises ClusterUnusable, also for that of a newer one."""
+    with _reading(entry) as value:
+        version, saved = value["version"], value["saved"]
+        _require_readable(version, 1 + len(migrations))
+        for migrate in migrations[version - 1 :]:
+            saved = migrate(saved)
+        return decode(json.dumps(saved))
 
 
 def encode_number(number: int) -> bytes:
@@ -201,6 +215,14 @@ def decode_number(entry: Entry) -> int:
     """Return the number of a commit. Raises ClusterUnusable."""
     with _reading(entry) as value:
         return int(value)
+
+
+def _require_readable(version: int, newest: int = VERSION) -> None:
+    if version > newest:
+        raise ClusterUnusable(
+            f"what a newer version has written to etcd cannot be read by this one: it is version {version} there, and this manager reads up to"
+            f" {newest}; install the newer version on this machine too"
+        )
 
 
 def _dump(value: object) -> bytes:

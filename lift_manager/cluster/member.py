@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 from asyncio import Future
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -16,15 +16,15 @@ from drivers.thread import Worker
 from lift_manager.cluster.content import (
     Handover,
     Place,
-    Solo,
     decode_handover,
+    decode_head,
     decode_key,
     decode_solo,
     encode_handover,
     encode_key,
 )
-from lift_manager.cluster.errors import ClusterError
-from lift_manager.cluster.etcd import Etcd, Result, has_revision, has_value, put, read
+from lift_manager.cluster.errors import ClusterError, ClusterUnusable
+from lift_manager.cluster.etcd import Entry, Etcd, Result, has_revision, has_value, put, read
 from lift_manager.cluster.term import (
     HIGHEST_EPOCH,
     Answered,
@@ -139,7 +139,7 @@ class Member:
         self._worker: Jobs | None = None
         self._answered_at = clock()
         self._trouble = ""
-        self._solo: Solo | None = None
+        self._bar = ""
 
     @property
     def key(self) -> Key | None:
@@ -151,8 +151,8 @@ class Member:
         """Why this machine could not take over now; empty while it could."""
         if self._term.key is not None and self._term.key.revision == 0:
             return "etcd holds nothing for this site yet; `lift-manager cluster init` begins it"
-        if self._solo is not None:
-            return f"{self._solo.text}; `lift-manager cluster join` on {self._solo.machine} ends that"
+        if self._bar:
+            return self._bar
         silent_s = self._clock() - self._answered_at
         return self._trouble if self._trouble and silent_s > SILENCE_S else ""
 
@@ -231,7 +231,8 @@ class Member:
         sent_at = self._clock()
         self._term, _ = step(self._term, Sent(sent_at))
         known = self._term.key or Key(0)
-        looks = [read(self._place.active), read(self._place.handover), read(self._place.solo)]
+        place = self._place
+        looks = [read(key) for key in (place.active, place.handover, place.solo, place.head)]
         if order is Order.LOOK:
             key, job = known, worker.submit(partial(self._etcd.transact, [], looks))
         else:
@@ -254,16 +255,17 @@ class Member:
             return
         try:
             result = job.result()
-            active, requested, alone = result.ranges
-            found, handover, self._solo = decode_key(active), decode_handover(requested), decode_solo(alone)
+            active, requested, solo, head = result.ranges
+            found, handover = decode_key(active), decode_handover(requested)
         except ClusterError as error:
             self._trouble = str(error)
             self._take(Unanswered(sent_at, self._clock()))
             return
         self._answered_at, self._trouble = self._clock(), ""
+        self._bar = _bar(solo, head)
         is_applied = order is not Order.LOOK and result.succeeded
         was_standby = self._term.role is Role.STANDBY
-        self._take(Answered(order, sent_at, self._clock(), found, is_applied, self._solo is not None))
+        self._take(Answered(order, sent_at, self._clock(), found, is_applied, bool(self._bar)))
         if was_standby and self._term.role is not Role.STANDBY:
             self._begin(key)
         elif self.active is not None:
@@ -294,6 +296,17 @@ class Member:
                 partial(self._etcd.transact, compare, [put(self._place.handover, encode_handover(accepted))])
             )
             job.add_done_callback(_log_failure)
+
+
+def _bar(solo: Sequence[Entry], head: Sequence[Entry]) -> str:
+    """Return in words why the key must not be taken, whatever becomes of it; empty if it may be."""
+    try:
+        decided = decode_solo(solo)
+        if head:
+            decode_head(head[0])
+    except ClusterUnusable as error:
+        return str(error)
+    return "" if decided is None else f"{decided.text}; `lift-manager cluster join` on {decided.machine} ends that"
 
 
 def _log_failure(job: Future[Result]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -34,6 +35,10 @@ ACCEPTED_WITHIN_S = 3.0
 TAKEN_WITHIN_S = 10.0
 """How long the roles may take to change after that."""
 
+EPOCHS_AHEAD = 1_000_000
+"""How far an epoch is above the newest that this machine knows where etcd cannot say it. Chosen: the other machine had no more terms that
+this one knows nothing of, and 32 bits have room for thousands of times."""
+
 LOOK_EVERY_S = 0.1
 
 
@@ -50,12 +55,19 @@ class ClusterStatus:
     """The machine that goes on alone, if etcd knows of one."""
 
 
-def prepare(etcd: Etcd, place: Place, records: Mapping[str, SavedLift]) -> None:
-    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already."""
+def prepare(
+    etcd: Etcd, place: Place, records: Mapping[str, SavedLift], *, epoch: int = 0, known_epoch: int = 0
+) -> None:
+    """Begin with these records, once for a site. Raises ClusterError, also if etcd holds the site already.
+
+    Terms begin above `epoch`, the highest one that a controller has obeyed. `known_epoch` is the newest that this machine knows of; an
+    etcd that is new begins far above it.
+    """
     before = decode_key(etcd.transact([], [read(place.active)]).ranges[0])
+    begins = max(epoch, _epoch_from(before.epoch, known_epoch))
     new = [has_revision(key, 0) for key in (place.head, place.solo)]
     new.append(has_revision(place.active, before.revision))
-    writes = [put(place.active, encode_key(Key(0, before.epoch))), put(place.head, encode_head(Head(0, "")))]
+    writes = [put(place.active, encode_key(Key(0, begins))), put(place.head, encode_head(Head(0, "")))]
     writes += [put(place.records + lift, encode_record(record)) for lift, record in records.items()]
     if not etcd.transact(new, writes).succeeded:
         raise ClusterUnusable(
@@ -69,13 +81,15 @@ def replace(
     records: Mapping[str, SavedLift],
     solo: Solo | None = None,
     *,
+    epoch: int = 0,
+    known_epoch: int = 0,
     unchanged_s: float = UNCHANGED_S,
 ) -> int:
     """Replace what etcd holds for a site by these records, in one step; the epoch only rises.
 
     With `solo` it is the machine that has gone on alone that brings them, and that decision ends; once it has ended, nothing is done.
     Returns how many commits of etcd are not in the journal of that machine. Raises ClusterError, also while a manager is active or
-    another machine goes on alone.
+    another machine goes on alone. The epochs are as in `prepare`.
     """
     keys = (place.active, place.head, place.solo, place.joined)
     reads = [*(read(key) for key in keys), read_all(place.records)]
@@ -89,8 +103,8 @@ def replace(
         )
     before = decode_key(active)
     time.sleep(unchanged_s if before.owner else 0.0)
-    epoch = max(before.epoch, 0 if solo is None else solo.epoch)
-    writes = [put(place.active, encode_key(Key(0, epoch))), remove(place.solo), remove_all(place.rows)]
+    begins = _epoch_from(before.epoch, known_epoch) if solo is None else max(before.epoch, solo.epoch)
+    writes = [put(place.active, encode_key(Key(0, max(epoch, begins)))), remove(place.solo), remove_all(place.rows)]
     lost = 0
     if solo is None:
         writes += [put(place.head, encode_head(Head(0, ""))), remove_all(place.copied), remove(place.removed)]
@@ -107,6 +121,11 @@ def replace(
     if not etcd.transact(compare, writes).succeeded:
         raise ClusterUnusable("a manager is active in this cluster; nothing was changed. End both managers first")
     return lost
+
+
+def _epoch_from(found: int, known: int) -> int:
+    """Return the epoch to begin with: that of etcd, unless this machine knows a newer one, because etcd has lost it."""
+    return found if found >= known else known + EPOCHS_AHEAD
 
 
 def forget_solo(etcd: Etcd, place: Place, machine: str, epoch: int = 0, *, unchanged_s: float = UNCHANGED_S) -> None:
@@ -173,8 +192,9 @@ def find_active(
 
     A key that has an owner and is not renewed for `unchanged_s` is that of a manager that has ended.
     """
-    ends_at, first = time.monotonic() + unchanged_s, None
-    while first is None or time.monotonic() < ends_at:
+    ends_at, first = math.inf, None
+    while True:
+        asked_at = time.monotonic()
         active, solo = etcd.transact([], [read(place.active), read(place.solo)]).ranges
         key, marked = decode_key(active), decode_solo(solo)
         if marked is not None:
@@ -183,9 +203,12 @@ def find_active(
             return ""
         if first is not None and key.revision != first.revision:
             return f"{key.owner} is active, at {key.address}"
+        if first is None:
+            ends_at = time.monotonic() + unchanged_s
+        elif asked_at >= ends_at:
+            return ""
         first = key
         time.sleep(look_every_s)
-    return ""
 
 
 def hand_over(etcd: Etcd, place: Place, by: str, *, accepted_within_s: float = ACCEPTED_WITHIN_S) -> Key:

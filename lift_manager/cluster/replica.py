@@ -60,7 +60,8 @@ class Replica:
         place, local = self._place, self._local
         if (upto := self._copied) is None:
             (found,) = self._etcd.transact([], [read(self._key, local=local)]).ranges
-            upto = decode_number(found[0]) if found else 0
+            # an empty disk is a new one, whatever an earlier one of this machine had
+            upto = decode_number(found[0]) if found and self._store.tail(1) else 0
         reads = [
             read(place.head, local=local),
             read(place.removed, local=local),

@@ -158,8 +158,12 @@ class SoloMember:
         self.key = key
         mark = Mark.MISSING if found is None else Mark.OWN if found.id == self._solo.id else Mark.OTHER
         if mark is not self._mark:
-            words = {Mark.MISSING: "nothing", Mark.OWN: "that it goes on alone", Mark.OTHER: "that another one does"}
-            _log.warning("cluster: etcd answers, and says %s about this machine", words[mark])
+            words = {
+                Mark.MISSING: "no machine goes on alone",
+                Mark.OWN: "this one does",
+                Mark.OTHER: "the other one does",
+            }
+            _log.warning("cluster: this machine goes on alone; etcd answers, and says that %s", words[mark])
             self._mark = mark
         self._take(Found(sent_at, self._clock(), key.revision, mark))
 

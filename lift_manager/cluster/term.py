@@ -113,8 +113,8 @@ class Answered:
     """The key after it."""
     is_applied: bool
     """Whether the key is what the request made of it; a look applies nothing."""
-    is_solo: bool = False
-    """Whether etcd says that a machine goes on alone."""
+    is_barred: bool = False
+    """Whether the key must not be taken: a machine goes on alone, or what etcd holds cannot be read by this version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +148,8 @@ class Term:
     """When the newest answer came."""
     answering_since: float = -math.inf
     """When the first answer came since etcd was silent last."""
-    is_solo: bool = False
-    """Whether a machine goes on alone."""
+    is_barred: bool = False
+    """Whether the newest answer has barred the key."""
     until: float = -math.inf
     """The end of the term; nothing may be written from then on."""
     sent_at: float | None = None
@@ -184,7 +184,7 @@ class Term:
     @property
     def takes_at(self) -> float:
         """When the key may be taken, if it does not change until then."""
-        if self.key is None or self.key.revision == 0 or self.is_solo:
+        if self.key is None or self.key.revision == 0 or self.is_barred:
             return math.inf
         is_free = not self.key.owner and self.key.epoch != self.left
         unchanged_at = self.known_at + (0.0 if is_free else UNCHANGED_S)
@@ -256,7 +256,7 @@ def _take_answer(term: Term, answer: Answered) -> tuple[Term, tuple[Order, ...]]
     known_at = answer.at if before is None or before.revision != answer.key.revision else term.known_at
     was_silent = answer.at - term.answered_at > SILENT_S
     since = answer.at if was_silent else term.answering_since
-    term = replace(term, answered_at=answer.at, answering_since=since, is_solo=answer.is_solo)
+    term = replace(term, answered_at=answer.at, answering_since=since, is_barred=answer.is_barred)
     if term.role is Role.STANDBY:
         taken = answer.order is Order.TAKE and answer.is_applied
         term = replace(_end_request(term, answer.at, is_renewal=taken), key=answer.key, known_at=known_at)

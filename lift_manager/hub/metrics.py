@@ -73,9 +73,11 @@ class HubMetrics:
         rows = Family("lift_manager_hub_site_rows_total", Kind.COUNTER, "Rows read from the stream of a site.")
         unreadable = Family("lift_manager_hub_site_unreadable_total", Kind.COUNTER, "Messages that could not be read.")
         states = {site: self._hub.state(site) for site in self._hub.registry.sites}
+        words = [(other, format_labels(state=other.value)) for other in SiteState]
         for site, now in states.items():
-            for other in SiteState:
-                state.add(format_labels(site=site, state=other.value), int(other is now))
+            of_site = format_labels(site=site)
+            for other, word in words:
+                state.add(f"{of_site},{word}", int(other is now))
         counts = Counter(states.values())
         for one in SiteState:
             sites.add(format_labels(state=one.value), counts[one])

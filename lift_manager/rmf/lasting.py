@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from asyncio import TimerHandle
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from functools import partial
 from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf.dds import DdsError, DdsListener
 from lift_manager.rmf.early_ends import EarlyEnds
+from lift_manager.rmf.lift_sessions import REPLAY_S
 from lift_manager.rmf.messages import DOOR_CLOSED, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Deliver
 from lift_manager.rmf.run import RESTART_PAUSE_S, Rmf
@@ -46,6 +48,8 @@ class LastingRmf:
         self._alarms = alarms
         self._clock = clock
         self._ends, self._fleet_ends = EarlyEnds(KEEP_ENDS_S), EarlyEnds(KEEP_ENDS_S)
+        self._writer_found_at = -math.inf
+        """When the newest writer of lift requests appeared."""
         self._attached: _Attached | None = None
         self._rejoining: TimerHandle | None = None
         self._rmf: Rmf | None = None
@@ -57,7 +61,7 @@ class LastingRmf:
         return self._rmf
 
     def attach(self, may_publish: Callable[[], bool], listener: DdsListener, deliver: Deliver) -> TermRmf:
-        """Serve the adapter of a term, until it closes what this returns. The adapter first receives the ENDs that are remembered.
+        """Serve the adapter of a term, until it closes what this returns. The adapter first receives what it has to know of before.
 
         Raises what `join` raises if the connection has failed.
         """
@@ -66,6 +70,8 @@ class LastingRmf:
         term = TermRmf(self, may_publish)
         self._attached = _Attached(term, listener, deliver)
         now = self._clock()
+        if now - self._writer_found_at < REPLAY_S:
+            deliver(listener.on_request_writer)
         for lift, session in self._ends.at(now):
             deliver(partial(listener.on_request, _end_of(lift, session)))
         for lift, session in self._fleet_ends.at(now):
@@ -103,6 +109,7 @@ class LastingRmf:
         self._pass_on(lambda listener: listener.on_unreadable(text))
 
     def on_request_writer(self) -> None:
+        self._writer_found_at = self._clock()
         self._pass_on(lambda listener: listener.on_request_writer())
 
     def on_rival(self, lift_name: str) -> None:

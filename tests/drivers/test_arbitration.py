@@ -76,9 +76,9 @@ class Manager:
 
 
 @asynccontextmanager
-async def manager(controller: Controller, claim: Claim | None) -> AsyncIterator[Manager]:
+async def manager(controller: Controller, claim: Claim | None, *, control: bool = True) -> AsyncIterator[Manager]:
     link = Link(controller.wire, LinkSettings(), name="plc")
-    settings = LiftSettings(name="lift", floors=FLOORS, control=True)
+    settings = LiftSettings(name="lift", floors=FLOORS, control=control)
     made = Manager(Caller(ModbusLift(compiled(controller.name), link, settings, claim=claim)), claim)
 
     async def poll() -> None:
@@ -195,6 +195,18 @@ def test_two_managers_at_once_are_never_both_obeyed_and_the_older_one_knows() ->
                 assert "obeys epoch 6 of machine 2, and ignores this manager" in done.reason
                 assert len([text for text in north.notices if "cluster init --replace --epoch 6" in text]) == 1
                 assert south.notices == []
+
+    on_each(check)
+
+
+def test_a_manager_that_only_watches_has_nothing_to_say_about_whom_the_controller_obeys() -> None:
+    async def check(controller: Controller) -> None:
+        async with manager(controller, SOUTH) as south:
+            await holds(south, ROBOT_MODE)
+            async with manager(controller, NORTH, control=False) as watching:
+                await holds(south, ROBOT_MODE)
+                assert watching.notices == []
+        assert shown(controller) == SOUTH
 
     on_each(check)
 

@@ -11,7 +11,11 @@ import pytest
 from lift_manager.cluster.content import Place, Solo, encode_key, encode_number, encode_solo
 from lift_manager.cluster.etcd import Etcd, put, read
 from lift_manager.cluster.term import Key
+from lift_manager.runtime.journal import manager_ended, manager_took_over
 from lift_manager.store.place import store_path
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import open_copy
+from lift_manager.store.store import PendingRow
 from tests.support.etcd import Members, etcd_members
 from tests.support.programs import call, eventually, free_port, running
 
@@ -50,8 +54,11 @@ def test_a_site_is_prepared_once_and_its_status_shown(tmp_path: Path, members: M
     assert call("cluster", "init", path).returncode == 0
     again = call("cluster", "init", path)
     assert (again.returncode, "holds this site already" in again.stderr) == (1, True)
+    raised = call("cluster", "init", path, "--replace", "--epoch", "70000")
+    assert (raised.returncode, "the first term has epoch 70001" in raised.stdout) == (0, True)
+    assert "no machine is active; epoch 70000, commit 0" in call("cluster", "status", path).stdout
     assert call("cluster", "init", path, "--replace").returncode == 0
-    assert "no machine is active; epoch 0, commit 0" in call("cluster", "status", path).stdout
+    assert "no machine is active; epoch 70000, commit 0" in call("cluster", "status", path).stdout
     etcd, place = Etcd(members.urls, timeout_s=5.0), Place(tmp_path.name)
     active = encode_key(Key(0, 3, "south", f"http://{SWITCHED_OFF}:5003"))
     etcd.transact([], [put(place.active, active), put(f"{place.copied}south", encode_number(0))])
@@ -116,7 +123,7 @@ def test_a_machine_goes_on_alone_and_joins_the_other_again(tmp_path: Path) -> No
             busy = call(*by_eve("cluster", "join", path))
             assert (busy.returncode, "another manager on this computer" in busy.stderr) == (1, True)
             members.start("one")
-            program.logs("etcd answers, and says that it goes on alone")
+            program.logs("etcd answers, and says that this one does")
             assert "north goes on alone since" in call("cluster", "status", path).stdout
             assert call("cluster", "init", path, "--replace").returncode == 1
             assert program.stop()[0] == 0
@@ -132,6 +139,19 @@ def test_a_machine_goes_on_alone_and_joins_the_other_again(tmp_path: Path) -> No
         audit = call("audit", path, "--kind", "person").stdout
         assert "north goes on alone since" in audit
         assert "north goes on with south again" in audit
+
+
+def test_an_etcd_that_was_lost_is_made_again_above_the_epochs_that_the_journal_has(
+    tmp_path: Path, members: Members
+) -> None:
+    path = site(tmp_path, members)
+    disk = open_copy(store_path(tmp_path.name, "state", path, {}), tmp_path.name, Limits(400, 500))
+    disk.commit(
+        {}, [PendingRow(1, manager_took_over("north", 7)), PendingRow(2, manager_ended(released=True, commands=True))]
+    )
+    disk.close()
+    assert call("cluster", "init", path).returncode == 0
+    assert "epoch 1000007" in call("cluster", "status", path).stdout
 
 
 def fetched(port: int, path: str) -> Mapping[str, object] | None:

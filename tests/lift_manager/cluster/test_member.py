@@ -7,7 +7,16 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import pytest
 
-from lift_manager.cluster.content import Handover, Place, decode_key, encode_handover, encode_key
+from lift_manager.cluster.content import (
+    VERSION,
+    Handover,
+    Head,
+    Place,
+    decode_key,
+    encode_handover,
+    encode_head,
+    encode_key,
+)
 from lift_manager.cluster.errors import EtcdUnavailable
 from lift_manager.cluster.etcd import Etcd, Json, put, read
 from lift_manager.cluster.etcd import Result as EtcdResult
@@ -212,6 +221,18 @@ def test_a_handover_needs_a_standby_and_the_present_epoch() -> None:
         assert not b.active.ends.is_set()
 
     play(check, "a", "b")
+
+
+def test_a_standby_of_an_older_version_takes_nothing_that_it_cannot_read_and_says_so() -> None:
+    async def check(pair: Pair, older: Member) -> None:
+        pair.write(PLACE.head, encode_head(Head(9, "x", version=VERSION + 1)))
+        await elapse(60.0)
+        assert older.active is None
+        assert "install the newer version on this machine too" in older.trouble
+        pair.write(PLACE.head, encode_head(Head(10, "x")))
+        assert (await older.until_active()).remaining_s > 0
+
+    play(check, "older")
 
 
 def test_a_standby_reports_that_etcd_is_silent_for_longer_than_an_election() -> None:

@@ -25,8 +25,9 @@ from lift_manager.cluster.replica import Replica
 from lift_manager.cluster.store import EtcdStore
 from lift_manager.cluster.term import Key
 from lift_manager.config.site import Cluster
+from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
-from lift_manager.store.store import MemoryStore
+from lift_manager.store.store import MemoryStore, PendingRow
 from tests.lift_manager.store.test_recall_contract import EVERYTHING
 from tests.support.memory_etcd import MemoryEtcd
 
@@ -62,6 +63,28 @@ def test_what_etcd_holds_is_replaced_as_a_whole_and_the_epoch_only_rises() -> No
     assert EtcdStore(etcd, PLACE, SOUTH, MACHINES).load() == {"east": SavedLift()}
     assert operations.read_status(etcd, PLACE).key.epoch == NORTH.epoch
     assert PLACE.rows_of(3) not in etcd.entries
+
+
+@pytest.mark.parametrize(("epoch", "begins"), [(0, 4), (3, 4), (4, 4), (70_000, 70_000)])
+@pytest.mark.parametrize("is_replaced", [False, True])
+def test_an_etcd_begins_above_what_a_controller_has_obeyed_and_never_below_what_it_had_itself(
+    epoch: int, begins: int, *, is_replaced: bool
+) -> None:
+    etcd = MemoryEtcd()
+    etcd.transact([], [put(PLACE.active, encode_key(NORTH))])
+    if is_replaced:
+        operations.replace(etcd, PLACE, {}, epoch=epoch, unchanged_s=0.0)
+    else:
+        operations.prepare(etcd, PLACE, {}, epoch=epoch)
+    assert operations.read_status(etcd, PLACE).key.epoch == begins
+
+
+def test_an_etcd_that_is_new_begins_far_above_the_epochs_that_a_machine_knows() -> None:
+    etcd = MemoryEtcd()
+    operations.prepare(etcd, PLACE, {}, known_epoch=7)
+    assert operations.read_status(etcd, PLACE).key.epoch == 7 + operations.EPOCHS_AHEAD
+    operations.replace(etcd, PLACE, {}, known_epoch=8)
+    assert operations.read_status(etcd, PLACE).key.epoch == 7 + operations.EPOCHS_AHEAD
 
 
 def test_nothing_is_replaced_while_a_manager_renews_its_key() -> None:
@@ -107,10 +130,12 @@ def test_the_journal_of_the_other_machine_says_what_it_lacks_since_then() -> Non
     etcd, disk = alone(), {"north": MemoryStore(), "south": MemoryStore()}
     operations.replace(etcd, PLACE, {}, SOLO, unchanged_s=0.0)
     for name, store in disk.items():
+        store.rows = [PendingRow(0, Row(RowKind.MANAGER, "before"))]
         Replica(name, etcd, PLACE, store).step(1)
-    assert disk["north"].rows == []
+    assert [row.row.text for row in disk["north"].rows] == ["before"]
     assert [row.row.text for row in disk["south"].rows] == [
-        "rows of up to 1 commit are only in the journal of the other machine"
+        "before",
+        "rows of up to 1 commit are only in the journal of the other machine",
     ]
 
 

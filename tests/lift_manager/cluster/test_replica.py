@@ -159,6 +159,19 @@ def test_a_journal_that_missed_rows_says_so(etcd: MemoryEtcd, active: EtcdStore)
     assert disk.rows[1].row.data == {"from_commit": 2, "to_commit": 10}
 
 
+def test_the_journal_of_a_machine_that_was_replaced_says_what_it_lacks(etcd: MemoryEtcd, active: EtcdStore) -> None:
+    active.commit({"east": EVERYTHING}, noted(3))
+    for machine in ("a", "b"):
+        Replica(machine, etcd, PLACE, MemoryStore()).step(LATER)
+    active.do_upkeep(LATER, check=False)
+    active.commit({}, noted(3, 5))
+    disk = MemoryStore()
+    Replica("b", etcd, PLACE, disk).step(LATER)
+    assert [row.row.kind for row in disk.rows] == [RowKind.GAP, *(row.row.kind for row in noted(3, 5))]
+    assert "up to 1 commit are only in the journal of the other machine" in disk.rows[0].row.text
+    assert disk.records == {"east": EVERYTHING}
+
+
 def test_an_etcd_that_was_never_prepared_has_nothing_to_copy() -> None:
     disk = MemoryStore()
     assert Replica("a", MemoryEtcd(), PLACE, disk).step(LATER) == (0, False)

@@ -108,10 +108,10 @@ def test_after_etcd_was_silent_no_key_is_taken_before_a_machine_that_went_on_alo
 
 
 def test_no_key_is_taken_while_a_machine_goes_on_alone() -> None:
-    looked = Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False, is_solo=True)
+    looked = Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False, is_barred=True)
     term, _ = after(ANSWERING, Sent(50.0), looked)
     assert term.takes_at == math.inf
-    term, _ = after(term, Sent(52.5), replace(looked, sent_at=52.5, at=52.6, is_solo=False))
+    term, _ = after(term, Sent(52.5), replace(looked, sent_at=52.5, at=52.6, is_barred=False))
     assert after(term, Tick(52.6))[1] == [Order.TAKE]
 
 

@@ -167,13 +167,13 @@ class Machine:
             return
         key, applied = self.world.arbiter.carry_out(order, expected, self.name)
         if not self.world.weather.is_lost():
-            answer = partial(self.answered, number, order, key, applied, is_solo=bool(self.world.arbiter.solo))
+            answer = partial(self.answered, number, order, key, applied, is_barred=bool(self.world.arbiter.solo))
             self.world.at(self.world.now + self.world.weather.delay_s(), partial(self.when_running, answer))
 
-    def answered(self, number: int, order: Order, key: Key, applied: bool, *, is_solo: bool) -> None:
+    def answered(self, number: int, order: Order, key: Key, applied: bool, *, is_barred: bool) -> None:
         if number == self.request and self.term.sent_at is not None:
             self.terms += order is Order.TAKE and applied
-            self.take(Answered(order, self.term.sent_at, self.clock, key, applied, is_solo))
+            self.take(Answered(order, self.term.sent_at, self.clock, key, applied, is_barred))
 
     def give_up(self, number: int) -> None:
         self.when_running(lambda: self.unanswered(number))

@@ -10,8 +10,9 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.plain.rmf import Alarms, HeldBy
 from lift_manager.rmf.dds import DdsFailed, DdsListener
 from lift_manager.rmf.lasting import KEEP_ENDS_S, LastingRmf, TermRmf
+from lift_manager.rmf.lift_sessions import REPLAY_S
 from lift_manager.rmf.messages import END_SESSION, LiftRequest
-from lift_manager.rmf.port import Deliver, EndOfSession
+from lift_manager.rmf.port import Deliver, EndOfSession, SessionDemand
 from lift_manager.rmf.run import RESTART_PAUSE_S, RunningAdapter
 from tests.lift_manager.rmf.neighbours import REQUEST, FakeRmf, FakeWay, view
 
@@ -204,6 +205,21 @@ def test_an_end_does_not_count_for_the_next_ride_of_its_robot(then: LiftRequest 
         await elapse(1.0)
         assert not [asked for asked in way.asked if isinstance(asked, EndOfSession)]
         assert south.sessions == [REQUEST.session_id]
+        await south.end_term()
+
+    play(scene)
+
+
+def test_of_a_replay_that_a_takeover_falls_into_only_the_last_floor_is_called() -> None:
+    async def scene(_: Machine, south: Machine) -> None:
+        south.rmfs[0].deliver(south.rmfs[0].listener.on_request_writer)
+        await elapse(REPLAY_S / 2)
+        await south.begin_term()
+        for floor in ("L1", "L2"):
+            send(replace(REQUEST, destination_floor=floor), south)
+            await elapse(0.01)
+        await elapse(1.0)
+        assert south.way.asked == [SessionDemand("main", REQUEST.session_id, "First", hold_door=True)]
         await south.end_term()
 
     play(scene)
