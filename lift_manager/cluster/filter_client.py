@@ -34,31 +34,34 @@ class FilterClient:
         self._term = term
         self._names = controller_names(controllers)
         self._renewed = asyncio.Event()
-        self._permitted = asyncio.Event()
+        self._answered = asyncio.Event()
+        """Whether it is known if this machine may reach the controllers."""
+        self._is_permitted = False
         self._trouble = ""
         term.follow(lambda _: self._renewed.set())
 
     async def run(self) -> None:
         """Request permission until the term is over; what was permitted is withdrawn then."""
-        while not self._term.over.is_set():
-            try:
-                await self._hold()
-            except TimeoutError:
-                self._lose(f"it does not answer within {ANSWER_S:g} s")
-            except ValueError as error:
-                self._lose(str(error))
-            except OSError as error:
-                self._lose(f"{self._path}: {error.strerror or error}")
-            await self._until_due()
+        try:
+            while not self._term.over.is_set():
+                try:
+                    await self._hold()
+                except TimeoutError:
+                    self._lose(f"it does not answer within {ANSWER_S:g} s")
+                except ValueError as error:
+                    self._lose(str(error))
+                except OSError as error:
+                    self._lose(f"{self._path}: {error.strerror or error}")
+                await self._until_due()
+        finally:
+            self._lose("the term is over")
 
     async def require(self, controller: str) -> None:
-        """Return once this machine may reach the controllers. Raises ConnectFailed."""
-        try:
-            async with asyncio.timeout(ANSWER_S):
-                await self._permitted.wait()
-        except TimeoutError as error:
-            what = f"the packet filter of this machine lets nothing pass: {self._trouble or 'it has not answered yet'}"
-            raise ConnectFailed(controller, ConnectProblem.OTHER, what) from error
+        """Return if this machine may reach the controllers, once that is known. Raises ConnectFailed."""
+        await self._answered.wait()
+        if not self._is_permitted:
+            what = f"the packet filter of this machine lets nothing pass: {self._trouble}"
+            raise ConnectFailed(controller, ConnectProblem.OTHER, what)
 
     async def _hold(self) -> None:
         """Request permission over one connection for as long as it lasts; its end withdraws what was permitted."""
@@ -78,7 +81,7 @@ class FilterClient:
                     self._gain()
                 await self._until_due()
         finally:
-            self._permitted.clear()
+            self._is_permitted = False
             writer.close()
             with suppress(OSError):
                 await writer.wait_closed()
@@ -95,16 +98,14 @@ class FilterClient:
     def _gain(self) -> None:
         if self._trouble:
             _log.warning("cluster: the packet filter lets this machine reach the controllers again")
-        self._trouble = ""
-        self._permitted.set()
+        self._trouble, self._is_permitted = "", True
+        self._answered.set()
 
     def _lose(self, trouble: str) -> None:
-        if self._term.over.is_set():
-            return
-        self._permitted.clear()
-        if trouble != self._trouble:
+        if trouble != self._trouble and not self._term.over.is_set():
             _log.error("cluster: the packet filter of this machine lets nothing reach the controllers: %s", trouble)
-        self._trouble = trouble
+        self._trouble, self._is_permitted = trouble, False
+        self._answered.set()
 
 
 def filter_of(loaded: LoadedSite, term: ActiveTerm) -> FilterClient | None:
