@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 from asyncio import Task
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from lift_manager.cluster.connect import cluster_of, etcd_of
 from lift_manager.cluster.content import Place, Solo
 from lift_manager.cluster.errors import ClusterError
 from lift_manager.cluster.fence import fences_of
+from lift_manager.cluster.filter_client import filter_of
 from lift_manager.cluster.member import ActiveTerm, Member
 from lift_manager.cluster.replica import Replica, copy_all
 from lift_manager.cluster.solo_file import SoloFile
@@ -249,16 +250,41 @@ async def _command(
         return True
     finally:
         loading.stop()
-    fences = fences_of(loaded, term.key.owner, term.key.epoch)
-    term.prepare = {controller: fence.close for controller, fence in fences.items()}
     committer = Committer(store, where, records)
     with sock.dup() as own_sock:
-        return await app.run(
-            loaded,
-            own_sock,
-            stop=stop,
-            ready=partial(_log.info, "cluster: the lifts are commanded"),
-            recorder=committer,
-            faces=faces,
-            term=term,
-        )
+        async with fenced(loaded, term):
+            return await app.run(
+                loaded,
+                own_sock,
+                stop=stop,
+                ready=partial(_log.info, "cluster: the lifts are commanded"),
+                recorder=committer,
+                faces=faces,
+                term=term,
+            )
+
+
+@asynccontextmanager
+async def fenced(loaded: LoadedSite, term: ActiveTerm) -> AsyncIterator[None]:
+    """Let the term do before each connection what the site file demands, and hold the permission of the packet filter meanwhile."""
+    prepare: dict[str, Callable[[], Awaitable[None]]] = {
+        controller: fence.close for controller, fence in fences_of(loaded, term.key.owner, term.key.epoch).items()
+    }
+    if (packet_filter := filter_of(loaded, term)) is None:
+        term.prepare = prepare
+        yield
+        return
+    # first the filter: the way of the other machine is not closed by one that reaches nothing itself
+    term.prepare = {
+        name: partial(_in_turn, partial(packet_filter.require, name), prepare.get(name)) for name in loaded.controllers
+    }
+    async with asyncio.TaskGroup() as tasks:
+        holding = tasks.create_task(packet_filter.run())
+        yield
+        holding.cancel()
+
+
+async def _in_turn(first: Callable[[], Awaitable[None]], then: Callable[[], Awaitable[None]] | None) -> None:
+    await first()
+    if then is not None:
+        await then()

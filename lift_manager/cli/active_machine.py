@@ -8,6 +8,7 @@ import typer
 
 from lift_manager.cli.common import fail, store_path_of
 from lift_manager.config.load import LoadedSite
+from lift_manager.config.tls import path_of
 
 ANSWER_S = 2.0
 """How long a member of etcd may take. Chosen: it answers in milliseconds, and a person waits."""
@@ -44,7 +45,7 @@ def active_machine_problem(loaded: LoadedSite, *, without_etcd: bool) -> str:
 
     try:
         if SoloFile(store_path_of(loaded)).read() is not None:
-            return ""  # the machine that goes on alone is this one
+            return packet_filter_problem(loaded)  # the machine that goes on alone is this one
         etcd = etcd_of(cluster, certificates_of(cluster, loaded.path.parent), timeout_s=ANSWER_S)
         try:
             active = operations.find_active(etcd, Place(loaded.site.name))
@@ -52,14 +53,28 @@ def active_machine_problem(loaded: LoadedSite, *, without_etcd: bool) -> str:
             etcd.close()
     except ClusterError as error:
         if without_etcd:
-            return ""
+            return packet_filter_problem(loaded)
         return (
             f"a machine of the cluster may be active, and cannot be found out: {error}. Nothing was sent. If no manager of the site is active,"
             " say so with --without-etcd"
         )
     if not active:
-        return ""
+        return packet_filter_problem(loaded)
     return (
         f"{active}, so nothing else may talk to the controllers of this site; nothing was sent. End both managers first; what goes through a"
         " running manager needs its address with --manager, and no site file"
+    )
+
+
+def packet_filter_problem(loaded: LoadedSite) -> str:
+    """Return in words that the packet filter of this machine keeps tools off the controllers of a site; empty if it does not."""
+    cluster = loaded.site.cluster
+    if cluster is None or cluster.packet_filter is None:
+        return ""
+    # the file of its socket is there from before the filter until after its removal
+    if not path_of(loaded.path.parent, cluster.packet_filter).exists():
+        return ""
+    return (
+        "the packet filter of this machine lets only a manager with a term reach the controllers; nothing was sent. Once no manager of the site"
+        f" runs, end lift-manager-packet-filter and remove the filter: lift-manager cluster packet-filter {loaded.path} --remove"
     )

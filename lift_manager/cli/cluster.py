@@ -21,6 +21,7 @@ from lift_manager.cli.common import (
     print_lines,
     store_path_of,
 )
+from lift_manager.cli.packet_filter import packet_filter
 from lift_manager.cluster import operations
 from lift_manager.cluster.connect import certificates_of, cluster_of, etcd_of, machine_of, members_of, other_than
 from lift_manager.cluster.content import Place, Solo, new_solo_id
@@ -42,6 +43,7 @@ from lift_manager.store.sqlite import to_pending
 from lift_manager.store.store import PendingRow, Store
 
 app = typer.Typer(no_args_is_help=True, help="Prepare and inspect the two machines of a site.")
+app.command("packet-filter")(packet_filter)
 
 ANSWER_S = 5.0
 """How long a member of etcd may take. Chosen: people wait for it, and no lift does."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from lift_manager.commissioning.checkout.approval import Approval, find_approval
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
+from lift_manager.config.tls import path_of
 from lift_manager.lift.config import Checkout
 from lift_manager.store.errors import KeysUnusable, StoreUnusable
 from lift_manager.store.keys import keys_path, read_kept_keys
@@ -93,6 +94,11 @@ def _machine_cautions(loaded: LoadedSite) -> Iterator[str]:
     if solo is not None:
         yield f"cluster: {solo.text}"
     yield from kept_packets_cautions(controller.host for controller in loaded.controllers.values())
+    if cluster.packet_filter is not None and not path_of(loaded.path.parent, cluster.packet_filter).exists():
+        yield (
+            f"cluster: no packet filter listens at {cluster.packet_filter}, so this machine does not command the lifts; start"
+            " lift-manager-packet-filter"
+        )
 
 
 def _hub_caution(loaded: LoadedSite) -> Iterator[str]:

@@ -75,6 +75,11 @@ class ActiveTerm:
         return 0.0 if self.over.is_set() else self._until - self._clock()
 
     @property
+    def until(self) -> float:
+        """When the term ends on CLOCK_BOOTTIME, if no renewal is applied until then."""
+        return self._until
+
+    @property
     def clear_s(self) -> float:
         """How long a robot may take to leave a doorway before the release, if no renewal is applied until then."""
         return max(0.0, self._releases_at - self._clock())

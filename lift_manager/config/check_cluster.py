@@ -40,7 +40,8 @@ def check_cluster(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[Probl
     yield from _check_names(key, site, cluster)
     for name, source in maps.items():
         latching = [command for command, spec in source.commands.items() if spec.on_link_loss == "latches"]
-        if site.lifts[name].access == "control" and latching and fence_of(site, name, source) is Kept.BY_NOTHING:
+        is_closed = fence_of(site, name, source) in CLOSED or name in cluster.accept_latching
+        if site.lifts[name].access == "control" and latching and not is_closed:
             message = (
                 f"{', '.join(latching)} of {source.name} stay on until something lets them go, and a write of a manager that was just"
                 " replaced may still arrive, which the controller cannot tell from one of its successor; close the way to it with"
@@ -54,6 +55,10 @@ def _check_names(key: Key, site: Site, cluster: Cluster) -> Iterator[Problem]:
     for controller in cluster.fence.keys() - site.controllers.keys():
         message = f"there is no such controller; the controllers are {', '.join(site.controllers)}"
         yield Problem((*key, "fence", controller), message)
+    for name, device in site.controllers.items():
+        if cluster.packet_filter is not None and not _is_address(device.host):
+            message = "is a name, and the packet filter of the cluster goes by addresses: write the address"
+            yield Problem(("controllers", name, "host"), message)
     for lift in cluster.accept_latching.keys() - site.lifts.keys():
         yield Problem((*key, "accept_latching", lift), f"there is no such lift; the lifts are {', '.join(site.lifts)}")
 
@@ -64,8 +69,13 @@ class Kept(StrEnum):
 
     BY_CONTROLLER = "the controller itself, which obeys the manager of the highest epoch"
     BY_COMMAND = "a command of the site, which closes the way of the other machine"
+    BY_FILTER = "the packet filter of its machine, unless it has left that already"
     BY_ACCEPTANCE = "nothing, which was accepted"
     BY_NOTHING = "nothing"
+
+
+CLOSED = (Kept.BY_CONTROLLER, Kept.BY_COMMAND)
+"""These leave nothing open."""
 
 
 def fence_of(site: Site, name: str, source: RegisterMap) -> Kept:
@@ -79,6 +89,8 @@ def fence_of(site: Site, name: str, source: RegisterMap) -> Kept:
     written = {source.place(text).endpoint for command in source.commands.values() for text in command.addresses}
     if {placed[endpoint].controller for endpoint in written if endpoint in placed} <= cluster.fence.keys():
         return Kept.BY_COMMAND
+    if cluster.packet_filter is not None:
+        return Kept.BY_FILTER
     return Kept.BY_ACCEPTANCE if name in cluster.accept_latching else Kept.BY_NOTHING
 
 
@@ -117,10 +129,14 @@ def _etcd_cautions(cluster: Cluster) -> Iterator[str]:
 
 
 def _has_address(host: str) -> bool:
+    return host == "localhost" or _is_address(host)
+
+
+def _is_address(host: str) -> bool:
     try:
         ip_address(host)
     except ValueError:
-        return host == "localhost"
+        return False
     return True
 
 
@@ -142,9 +158,9 @@ def cluster_cautions(site: Site, maps: Mapping[str, RegisterMap], folder: Path) 
             yield f"{controller}: {fence.command[0]}, which closes its fence, is no program on this computer: without it its lifts stay offline"
     kept = {name: fence_of(site, name, source) for name, source in maps.items() if site.lifts[name].access == "control"}
     for lift, reason in cluster.accept_latching.items():
-        if kept.get(lift) is Kept.BY_ACCEPTANCE:
+        if lift in kept and kept[lift] not in CLOSED:
             yield f"{lift}: a write of a manager that was just replaced may put an output on for good; accepted: {reason}"
-    watched = [name for name, by in kept.items() if by is Kept.BY_NOTHING]
+    watched = [name for name, by in kept.items() if by not in CLOSED and name not in cluster.accept_latching]
     if watched:
         yield (
             f"{', '.join(watched)}: a write of a manager that was just replaced may still arrive; what it puts on, the controller"

@@ -484,6 +484,8 @@ class Cluster(_Part):
 
     fence: dict[Text, Fence] = Field(default_factory=dict)
     """By controller; without one, a write of a manager that was just replaced may still arrive there."""
+    packet_filter: FileName | None = None
+    """The socket of the packet filter that runs on each machine, and lets only a manager with a term reach the controllers."""
 
     def number_of(self, machine: str) -> int:
         """Return the number by which controllers that arbitrate know a machine: 1 for the first one here."""

@@ -100,12 +100,12 @@ def test_a_first_installation_makes_the_users_and_starts_nothing(tmp_path: Path)
         f"--quiet is-active {name}.service" for name in ("lift-manager", "lift-manager-hub")
     }
     users = ["lift-manager", "lift-manager-hub", "lift-manager-leaf"]
-    assert [line.split()[-1] for line in called(tmp_path, "adduser")] == users
+    assert [line.split()[-1] for line in called(tmp_path, "adduser")] == [*users, "lift-manager-filter"]
     folders = [f"install -d -m 700 -o {user} -g {user} {tmp_path}/lib/{user}" for user in users]
     assert called(tmp_path, "install") == folders
 
 
-def test_the_units_of_a_hub_are_in_the_package_and_a_person_enables_them(tmp_path: Path) -> None:
+def test_the_units_of_a_hub_and_a_cluster_are_in_the_package_and_a_person_enables_them(tmp_path: Path) -> None:
     rules = (DEBIAN / "rules").read_text()
     (listed,) = re.findall(r"^units := (.*)$", rules, re.MULTILINE)
     assert {f"{name}.service" for name in (*listed.split(), "lift-manager")} == {
@@ -122,6 +122,8 @@ def test_the_units_of_a_hub_are_in_the_package_and_a_person_enables_them(tmp_pat
     assert all(text.startswith("[Unit]\n") for text in made.values())
     program = "/usr/lib/lift-manager/1.2-1/bin/python -I -m lift_manager"
     assert f"\nExecStart={program} hub --folder /var/lib/lift-manager-hub\n" in made["lift-manager-hub"]
+    filtering = f"\nExecStart={program} cluster packet-filter /etc/lift-manager/site.yaml --user lift-manager\n"
+    assert filtering in made["lift-manager-packet-filter"]
 
 
 @contextmanager

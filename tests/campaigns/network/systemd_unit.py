@@ -14,7 +14,12 @@ pytestmark = pytest.mark.external("systemd-analyze")
 
 UNITS = ROOT / "deploy" / "systemd"
 UNIT = UNITS / "lift-manager.service"
-OTHERS = ["lift-manager-hub.service", "lift-manager-nats.service", "lift-manager-leaf.service"]
+OTHERS = [
+    "lift-manager-hub.service",
+    "lift-manager-nats.service",
+    "lift-manager-leaf.service",
+    "lift-manager-packet-filter.service",
+]
 
 
 def unit(folder: Path, *, drop_in: bool) -> Path:
@@ -29,7 +34,7 @@ def unit(folder: Path, *, drop_in: bool) -> Path:
 
 
 def other_unit(name: str, folder: Path) -> Path:
-    """The unit of a hub, or of a NATS server, with programs that are there."""
+    """The unit of a hub, of a NATS server, or of a packet filter, with programs that are there."""
     text = (UNITS / name).read_text("utf-8").replace("/opt/lift-manager/bin/python", sys.executable)
     (folder / name).write_text(text.replace("=nats-server", f"={sys.executable}"), "utf-8")
     return folder / name
@@ -54,11 +59,12 @@ def test_systemd_finds_nothing_wrong_with_the_unit(drop_in: bool, tmp_path: Path
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_systemd_finds_nothing_wrong_with_the_units_of_a_hub(name: str, tmp_path: Path) -> None:
+def test_systemd_finds_nothing_wrong_with_the_other_units(name: str, tmp_path: Path) -> None:
     path = other_unit(name, tmp_path)
     done = analyze("verify", "--man=no", path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    assert f"the exposure of a hub {exposure(path)}, " in (ROOT / "deploy" / "README.md").read_text("utf-8")
+    of = "this" if name == "lift-manager-packet-filter.service" else "a hub"
+    assert f"the exposure of {of} {exposure(path)}, " in (ROOT / "deploy" / "README.md").read_text("utf-8")
 
 
 def test_a_word_that_systemd_does_not_know_is_found(tmp_path: Path) -> None:
