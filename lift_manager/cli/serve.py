@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING, Annotated, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
@@ -65,9 +65,6 @@ NO_WORKERS = (
     " of its own"
 )
 """Web servers offer `--workers`, so people try it."""
-
-
-Failure = TypeVar("Failure", bound=BaseException)
 
 
 class Run(Protocol):
@@ -142,17 +139,17 @@ def _serve_site(
         try:
             released = run(_serve(loaded, sock, run_on(sock), faces, stopped_early))
         except* DdsError as group:
-            raise report_join_failure(_first_of(group)) from group
+            raise report_join_failure(first_error(group)) from group
         except* (ControllerTaken, LockUnusable, ListenError, ClusterError) as group:
-            raise fail(str(_first_of(group))) from group
+            raise fail(str(first_error(group))) from group
     if not released:
         raise typer.Exit(1)
 
 
-def _first_of(group: BaseExceptionGroup[Failure]) -> Failure:
-    """Return the first exception of a group, which may be in groups inside it."""
-    first = group.exceptions[0]
-    return _first_of(first) if isinstance(first, BaseExceptionGroup) else first
+def first_error(group: BaseExceptionGroup[Exception]) -> Exception:
+    """Return the first error itself: in a cluster, task groups are in each other."""
+    error = group.exceptions[0]
+    return first_error(error) if isinstance(error, BaseExceptionGroup) else error
 
 
 def _run(loaded: LoadedSite) -> Callable[[socket], Run]:
