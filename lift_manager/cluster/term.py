@@ -147,7 +147,7 @@ class Term:
     answered_at: float = -math.inf
     """When the newest answer came."""
     answering_since: float = -math.inf
-    """When the first answer came since etcd was silent last."""
+    """When the first answer came since etcd was silent last; long ago once a change of the key was seen since then."""
     is_barred: bool = False
     """Whether the newest answer has barred the key."""
     until: float = -math.inf
@@ -258,8 +258,11 @@ def _request(term: Term, at: float) -> tuple[Order, ...]:
 def _take_answer(term: Term, answer: Answered) -> tuple[Term, tuple[Order, ...]]:
     before = term.key
     known_at = answer.at if before is None or before.revision != answer.key.revision else term.known_at
-    was_silent = answer.at - term.answered_at > SILENT_S
-    since = answer.at if was_silent else term.answering_since
+    since = term.answering_since
+    if answer.at - term.answered_at > SILENT_S:
+        since = answer.at
+    elif before is not None and before.revision != answer.key.revision:
+        since = -math.inf  # a manager of the pair has written it, so none goes on alone
     term = replace(term, answered_at=answer.at, answering_since=since, is_barred=answer.is_barred)
     if term.role is Role.STANDBY:
         taken = answer.order is Order.TAKE and answer.is_applied

@@ -107,6 +107,15 @@ def test_after_etcd_was_silent_no_key_is_taken_before_a_machine_that_went_on_alo
     assert term.takes_at == 50.1
 
 
+def test_a_standby_that_sees_the_key_renewed_knows_that_no_machine_goes_on_alone() -> None:
+    seen, _ = after(Term(), Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False))
+    renewed_key = replace(OTHERS, revision=8)
+    seen, _ = after(seen, Sent(50.3), Answered(Order.LOOK, 50.3, 50.4, renewed_key, is_applied=False))
+    assert seen.takes_at == 50.4 + UNCHANGED_S
+    seen, _ = after(seen, Sent(60.0), Answered(Order.LOOK, 60.0, 60.1, replace(OTHERS, revision=9), is_applied=False))
+    assert seen.takes_at == 60.1 + ANSWERING_S
+
+
 def test_no_key_is_taken_while_a_machine_goes_on_alone() -> None:
     looked = Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False, is_barred=True)
     term, _ = after(ANSWERING, Sent(50.0), looked)
