@@ -21,8 +21,10 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import uvloop
 
@@ -202,6 +204,15 @@ def allow_files(connections: int) -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
+def received(pipe: Connection, process: BaseProcess) -> Any:
+    """Return what a process sends. One that ends without a word would otherwise be waited for without end: others have its pipe open too."""
+    wait([pipe, process.sentinel])
+    if not pipe.poll():
+        process.join()
+        raise SystemExit(f"{process.name} ended with {process.exitcode}; its traceback is above")
+    return pipe.recv()
+
+
 @contextlib.contextmanager
 def controllers(count: int, beat: int, core: int | None, tls: ssl.SSLContext | None = None) -> Iterator[list[int]]:
     """Run so many controllers in one process of their own, with or without TLS; gives their ports."""
@@ -210,7 +221,7 @@ def controllers(count: int, beat: int, core: int | None, tls: ssl.SSLContext | N
     server.start()
     theirs.close()
     try:
-        yield ours.recv()
+        yield received(ours, server)
     finally:
         server.terminate()
         server.join()

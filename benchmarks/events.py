@@ -111,10 +111,15 @@ class Requester(asyncio.Protocol):
         self._answers = answers
         self._requested_at: float | None = None
         self._counts = True
+        self.is_closed = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the transport."""
         self._transport = transport
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Request nothing more here."""
+        self.is_closed = True
 
     def request(self, lift: str) -> None:
         """Request the state of a lift, unless an answer is still awaited."""
@@ -143,15 +148,20 @@ def _clients(port: int, lifts: list[str], plan: Plan, pipe: Connection) -> None:
         listeners = [
             (await loop.create_connection(lambda: Listener(lags), "127.0.0.1", port))[1] for _ in range(plan.streams)
         ]
-        requesters = [
-            (await loop.create_connection(lambda: Requester(answers), "127.0.0.1", port))[1] for _ in range(CLIENTS)
-        ]
+
+        async def connected() -> Requester:
+            return (await loop.create_connection(lambda: Requester(answers), "127.0.0.1", port))[1]
+
+        requesters = [await connected() for _ in range(CLIENTS)]
         pipe.send("open")
         begins = loop.time() + SETTLE_S
         ends, due, number, counting = begins + plan.seconds, loop.time(), 0, False
         while due < ends:
             due += 1 / plan.requests
             await asyncio.sleep(max(0.0, due - loop.time()))
+            if requesters[number % CLIENTS].is_closed:
+                # the server closes what was silent for some seconds, as this process may be on a busy computer
+                requesters[number % CLIENTS] = await connected()
             requesters[number % CLIENTS].request(dice.choice(lifts))
             number += 1
             if not counting and loop.time() >= begins:
@@ -218,13 +228,13 @@ def round_of(ports: list[int], plan: Plan, name: str) -> tuple[Cost, Received]:
     opened, open_ = common.FORK.Pipe(duplex=False)
     server = common.FORK.Process(target=_manager, args=(ports, plan, name, opened, manager), daemon=True)
     server.start()
-    port, lifts = from_manager.recv()
+    port, lifts = common.received(from_manager, server)
     client = common.FORK.Process(target=_clients, args=(port, list(lifts), plan, clients), daemon=True)
     client.start()
     try:
-        open_.send(from_clients.recv())
-        received: Received = from_clients.recv()
-        cost: Cost = from_manager.recv()
+        open_.send(common.received(from_clients, client))
+        received: Received = common.received(from_clients, client)
+        cost: Cost = common.received(from_manager, server)
     finally:
         for process in (client, server):
             process.terminate()

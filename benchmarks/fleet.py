@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import random
 import statistics
 import sys
@@ -173,6 +174,7 @@ async def measure(contestant: Contestant, ports: list[int], plan: Plan) -> Round
     async with contestant(ports) as fleet:
         async with asyncio.timeout(READY_WITHIN_S):
             await _all_read(fleet, len(ports))
+        gc.freeze()  # as `serve` does
         await asyncio.sleep(SETTLE_S)
         memory = (_memory() - empty) / len(ports)
         began, cpu, polls = time.monotonic(), time.process_time(), fleet.polls()
@@ -214,9 +216,7 @@ def run_round(name: str, ports: list[int], plan: Plan) -> Round:
     child.start()
     theirs.close()
     try:
-        result: Round = ours.recv()
-    except EOFError:
-        raise SystemExit(f"the round of {name} failed; its traceback is above") from None
+        result: Round = common.received(ours, child)
     finally:
         child.join()
     return result

@@ -96,7 +96,7 @@ async def lift_poll(port: int) -> AsyncIterator[Poll]:
         actor = common.make_actor(driver)
 
         async def poll() -> None:
-            actor.take_reading(await driver.read())
+            actor.take_reading(await driver.read(), asyncio.get_running_loop().time())
 
         yield poll
 

@@ -95,7 +95,7 @@ def simulated(count: int) -> Iterator[list[int]]:
     process = common.FORK.Process(target=_lifts, args=(count, theirs), daemon=True)
     process.start()
     try:
-        yield ours.recv()
+        yield common.received(ours, process)
     finally:
         process.terminate()
         process.join()

@@ -33,7 +33,7 @@ build_wheel() {
 }
 
 # collect_wheels FOLDER MACHINE VERSION: everything that is installed on a machine (x86_64, aarch64) with a version of Python, and
-# requirements.txt, which names each file by its hash. With Open-RMF over DDS where there is a wheel for it.
+# requirements.txt, which names each file by its hash. With the hub, and with Open-RMF over DDS where there is a wheel for it.
 collect_wheels() {
     build_wheel "$1"
     options="--only-binary=:all: --implementation cp --python-version $3 --abi cp$(echo "$3" | tr -d .) --abi abi3 --abi none"
@@ -42,8 +42,8 @@ collect_wheels() {
     needs=rmf
     # shellcheck disable=SC2086  options are words
     if ! pip download --no-deps --require-hashes --requirement "$root/constraints/rmf.txt" --dest "$1" $options 2>"$work/why"; then
-        needs=run
-        pip download --no-deps --require-hashes --requirement "$root/constraints/run.txt" --dest "$1" $options ||
+        needs=hub
+        pip download --no-deps --require-hashes --requirement "$root/constraints/hub.txt" --dest "$1" $options ||
             stop "The wheels for $2 and Python $3 could not be fetched, see above."
         echo "Open-RMF over DDS is not in it: cyclonedds has no wheel for $2 and Python $3 ($(grep -v '^WARNING' "$work/why" | head -1))." \
             "Run \`lift-manager rmf\` on another computer beside this manager, or the ROS package of deploy/ros." >&2

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 from zoneinfo import ZoneInfo
 
 from drivers.driver import LiftDriver
@@ -37,10 +37,11 @@ from lift_manager.lift.state import Quality
 from lift_manager.metrics.metrics import Metrics
 from lift_manager.plain.text import counted
 from lift_manager.plain.version import running_version
-from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.dds import Dds, DdsListener
 from lift_manager.rmf.local_manager import LocalManager
+from lift_manager.rmf.port import Deliver
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.run import RunningAdapter
+from lift_manager.rmf.run import Rmf, RunningAdapter
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.journal import manager_ended, manager_handed_over, manager_started, manager_took_over
@@ -58,11 +59,13 @@ from lift_manager.web.limits import connections_limit
 from lift_manager.web.server import serve
 from lift_manager.web.standby import Standby, WhileActive
 from lift_manager.web.tls import ServerCertificates, ServerTls
+from register_maps.arbitration import Claim
 from register_maps.schema import LinkDefaults
 
 if TYPE_CHECKING:  # a manager that is alone does not load what talks to etcd, or to a hub
     from lift_manager.cluster.member import ActiveTerm
     from lift_manager.hub.site_face import HubSettings
+    from lift_manager.rmf.lasting import LastingRmf
 
 _log = logging.getLogger(__name__)
 
@@ -102,6 +105,8 @@ class Faces:
     """The hub of many sites to take part in; None for none."""
     on_frame: Callable[[WireFrame], None] | None = None
     """Receives every frame of every link, from the first one on; it must neither wait nor raise."""
+    lasting_rmf: LastingRmf | None = None
+    """The connection to the RMF domain that lasts over the terms of this machine of a cluster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,19 +153,25 @@ def build(
     *,
     recorder: Recorder | None = None,
     clock: Clock | None = None,
+    claim: Claim | None = None,
+    prepare: Mapping[str, Callable[[], Awaitable[None]]] = {},
 ) -> ManagerParts:
     """Assemble a manager, with one link per controller for all its lifts, over the network by default.
 
-    Without a recorder, a restart loses sessions, decisions of people, and the journal.
+    In a cluster, `claim` is that of a term, for controllers that arbitrate, and `prepare` has what is to be done before connecting to a
+    controller, by its name. Without a recorder, a restart loses sessions, decisions of people, and the journal.
     """
     recorder = recorder or MemoryRecorder()
     clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
     make_wire = make_wire or network_wires(loaded.path.parent)
     bus: Bus[Event] = Bus()
-    links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
+    links = {
+        name: _link(name, spec, loaded.links[name], make_wire, prepare.get(name))
+        for name, spec in loaded.controllers.items()
+    }
     actors = tuple(
         LiftActor(driver, lift_config(name, loaded, driver), bus, recorder, clock=clock)
-        for name, driver in ((name, _driver(name, loaded, links)) for name in loaded.site.lifts)
+        for name, driver in ((name, _driver(name, loaded, links, claim)) for name in loaded.site.lifts)
     )
     site = Site(actors, bus, recorder, rmf=loaded.site.rmf.rules, clock=clock)
     life = SiteLife(site, actors)
@@ -222,7 +233,7 @@ async def run(
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
         parts = _tapped(_build_for(term, loaded, recorder), faces.on_frame, ends)
         systemd, life = notifier(), parts.life
-        adapter = _adapter(parts, faces.rmf, ends)
+        adapter = _adapter(parts, faces, term, ends)
         crashes: list[Exception] = []
 
         async def guarded(work: Coroutine[None, None, None]) -> None:
@@ -243,7 +254,7 @@ async def run(
                     await life.first_look()
             serving = tasks.create_task(guarded(_serve(parts, loaded, faces.keys, sock, tls, term)))
             patience_s_of = poll_patience_s(loaded, parts.links) if systemd.is_enabled else {}
-            watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts)))
+            watching = guarded(report_to_systemd(systemd, patience_s_of, life.polls, lambda: _status_text(parts, term)))
             running.append(tasks.create_task(watching))
             ready()
             await _first_of(stop, stop if term is None else term.ends)
@@ -298,17 +309,23 @@ def _background_tasks(
             yield faces.hub.updates.run(parts.site, recorder.note, stop.set)
 
 
-def _adapter(parts: ManagerParts, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:
-    """Join Open-RMF if there are settings for it, on the running loop. Raises DdsError."""
-    if settings is None:
+def _adapter(parts: ManagerParts, faces: Faces, term: ActiveTerm | None, ends: ExitStack) -> RunningAdapter | None:
+    """Make the adapter for Open-RMF if there are settings for it. A manager that is alone joins RMF with it. Raises DdsError."""
+    if (settings := faces.rmf) is None:
         return None
+    make_rmf: Callable[[DdsListener, Deliver], Rmf] = partial(Dds, settings)
+    lasting, first_reading_s = faces.lasting_rmf, 0.0
+    if lasting is not None and term is not None:
+        make_rmf, first_reading_s = partial(lasting.attach, lambda: term.remaining_s > 0), FIRST_READING_S
     adapter = RunningAdapter(
-        lambda listener, deliver: Dds(settings, listener, deliver),
+        make_rmf,
         lambda: LocalManager(parts.site),
         use_sim_time=settings.use_sim_time,
         adapter_id=settings.adapter,
+        first_reading_s=first_reading_s,
     )
-    adapter.open()
+    if lasting is None:
+        adapter.open()
     ends.callback(adapter.close)
     parts.metrics.count_rmf(adapter.counts)
     return adapter
@@ -339,7 +356,10 @@ def _build_for(term: ActiveTerm | None, loaded: LoadedSite, recorder: Recorder |
     """Assemble a manager; in a cluster it writes only while its term lasts."""
     if term is None:
         return build(loaded, recorder=recorder)
-    parts = build(loaded, network_wires(loaded.path.parent, term), recorder=recorder)
+    cluster = loaded.site.cluster
+    claim = Claim(term.key.epoch, 0 if cluster is None else cluster.number_of(term.key.owner))
+    wires = network_wires(loaded.path.parent, term)
+    parts = build(loaded, wires, recorder=recorder, claim=claim, prepare=term.prepare)
     for actor in parts.actors:
         term.follow(actor.driver.fence)
     return parts
@@ -350,7 +370,7 @@ def _note_start(recorder: Recorder, loaded: LoadedSite, term: ActiveTerm | None)
     maps = {name: (lift.access, loaded.maps[name].map.name, loaded.maps[name].sha256) for name, lift in lifts}
     recorder.note(manager_started(running_version(), maps, loaded.checkouts))
     if term is not None:
-        recorder.note(manager_took_over(term.key.owner, term.key.epoch))
+        recorder.note(manager_took_over(term.key.owner, term.key.epoch, term.alone))
 
 
 async def warn_of_expiry(loaded: LoadedSite, *, every_s: float = WARN_EVERY_S) -> None:
@@ -367,13 +387,21 @@ def _log_expiring(loaded: LoadedSite) -> None:
         _log.warning("%s", line)
 
 
-async def renew_certificates(tls: ServerCertificates, *, within_s: float = CHECK_WITHIN_S) -> None:
-    """Reload the certificates whenever their files change."""
+class Renewable(Protocol):
+    """Certificates whose files may change."""
+
+    def renew(self) -> None:
+        """Use the files if they have changed. Blocks."""
+        ...
+
+
+async def renew_certificates(tls: Renewable, owner: str = "api", *, within_s: float = CHECK_WITHIN_S) -> None:
+    """Reload certificates whenever their files change; `owner` is the part of the site file that names them."""
     loop = asyncio.get_running_loop()
-    message = "api: the files of `tls` do not answer within %g s, the previous certificate stays in use; check the disk that they are on"
+    message = "%s: the files of `tls` do not answer within %g s, the previous certificate stays in use; check the disk that they are on"
     while True:
         await asyncio.sleep(CHECK_EVERY_S)
-        timer = loop.call_later(within_s, _log.warning, message, within_s)
+        timer = loop.call_later(within_s, _log.warning, message, owner, within_s)
         try:
             with suppress(OSError):
                 await in_thread(tls.renew)
@@ -392,10 +420,11 @@ def server_certificates(loaded: LoadedSite) -> ServerCertificates | None:
     )
 
 
-def _status_text(parts: ManagerParts) -> str:
+def _status_text(parts: ManagerParts, term: ActiveTerm | None) -> str:
     states = [parts.site.state(name) for name in parts.site.lift_names()]
     live = sum(state.quality is Quality.LIVE for state in states)
-    return f"{counted(len(states), 'lift')}, {live} live, {sum(parts.life.polls().values())} polls"
+    alone = "" if term is None or not term.alone else f"; {term.alone}"
+    return f"{counted(len(states), 'lift')}, {live} live, {sum(parts.life.polls().values())} polls{alone}"
 
 
 async def _serve(
@@ -415,6 +444,7 @@ async def _serve(
         host_names=(api.host, *api.host_names),
         simulated=loaded.simulated,
         announcements=loaded.announcements(),
+        alone="" if term is None else term.alone,
     )
     limits = ConnectionLimits.of(connections_limit(), api.trusted_proxies)
     if term is None:
@@ -504,7 +534,13 @@ async def _flush_journal(recorder: Recorder, polling: asyncio.Task[None]) -> Non
         )
 
 
-def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[[Controller], Wire]) -> Link:
+def _link(
+    name: str,
+    spec: Controller,
+    needs: LinkDefaults,
+    make_wire: Callable[[Controller], Wire],
+    prepare: Callable[[], Awaitable[None]] | None,
+) -> Link:
     settings = LinkSettings(
         timeout_s=needs.timeout_s,
         connect_timeout_s=spec.connect_timeout_s,
@@ -515,10 +551,10 @@ def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[
         tid_echo=needs.tid_echo,
         tls=spec.tls is not None,
     )
-    return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})")
+    return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})", prepare=prepare)
 
 
-def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
+def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], claim: Claim | None) -> ModbusLift:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     placed = devices(loaded.site, spec, source)
     lines = {endpoint: Unit(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
@@ -534,4 +570,4 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusL
         max_registers_per_read=min(need.max_registers_per_read for need in needs),
         max_bits_per_read=min(need.max_bits_per_read for need in needs),
     )
-    return ModbusLift(loaded.codecs[name], own.link, settings, endpoints=lines)
+    return ModbusLift(loaded.codecs[name], own.link, settings, endpoints=lines, claim=claim)

@@ -6,6 +6,7 @@ no places, and `check` examines the rest.
 
 from __future__ import annotations
 
+from register_maps.check_arbitration import check_arbitration
 from register_maps.check_blocks import check_blocks, check_shared_words
 from register_maps.check_calls import check_calls
 from register_maps.check_cautions import check_cautions
@@ -34,6 +35,7 @@ def check(source: RegisterMap) -> list[Problem]:
         *check_calls(source),
         *check_shared_words(source),
         *check_blocks(source),
+        *check_arbitration(source),
         *check_evidence(source),
     ]
     wrong = {str(problem.path[1]) for problem in problems if problem.path[0] == "signals" and len(problem.path) > 1}

@@ -8,7 +8,7 @@ from collections.abc import Set as AbstractSet
 from register_maps.address import HIGHEST, Place
 from register_maps.check_claims import signal_bits
 from register_maps.errors import Problem
-from register_maps.schema import COMMANDS, Command, RegisterMap, WriteBlock
+from register_maps.schema import COMMANDS, EPOCH_BITS, Command, RegisterMap, WriteBlock
 from register_maps.words import Table
 
 Cell = tuple[str, int]
@@ -69,7 +69,7 @@ def _too_long(source: RegisterMap, place: Place, count: int) -> str | None:
 
 def _coverage(source: RegisterMap, cells: list[Cell], start: Place, *, gaps: bool) -> Iterator[str]:
     block_cells = set(cells)
-    owned: set[Cell] = set()
+    owned: set[Cell] = set(arbitration_cells(source))
     for name, command in source.commands.items():
         points = cells_of(source, command)
         owned |= points
@@ -81,7 +81,9 @@ def _coverage(source: RegisterMap, cells: list[Cell], start: Place, *, gaps: boo
         yield f"{_list_addresses(source, start, gaps_in_block)} in it belong to no command, and are never written; {cure}"
         return
     yield from _over_signals(source, start, gaps_in_block)
-    yield from _unserved(source, cells, start, gaps_in_block)
+    # commands outside what is served are found by another check
+    served = [cell for cell in cells if cell in gaps_in_block or cell in arbitration_cells(source)]
+    yield from _unserved(source, cells, start, served)
 
 
 def _over_signals(source: RegisterMap, start: Place, strangers: list[Cell]) -> Iterator[str]:
@@ -92,7 +94,7 @@ def _over_signals(source: RegisterMap, start: Place, strangers: list[Cell]) -> I
 
 
 def _unserved(source: RegisterMap, cells: list[Cell], start: Place, strangers: list[Cell]) -> Iterator[str]:
-    """Yield gaps that the device does not serve; commands outside what is served are found by another check."""
+    """Yield which of these cells the device does not serve, and a block that it cannot take as a whole."""
     ranges = source.served_wire.get(start.space, ())
     if missing := [cell for cell in strangers if not any(cell[1] in span for span in ranges)]:
         yield f"{_list_addresses(source, start, missing)} in it is not served; shorten the block, or correct `served`"
@@ -131,6 +133,20 @@ def _restarts(name: str, others: list[str]) -> str:
 def cells_of(source: RegisterMap, command: Command) -> set[Cell]:
     """Return every address a command writes to."""
     return {(place.space, place.number) for place in map(source.place, command.addresses)}
+
+
+def arbitration_cells(source: RegisterMap) -> list[Cell]:
+    """Return every address that carries epoch and owner; none without `arbitration`, or where one of them cannot be written."""
+    if (spec := source.arbitration) is None:
+        return []
+    epoch, owner = source.place(spec.epoch), source.place(spec.owner)
+    bits = {Table.COIL: 1, Table.HOLDING: 16}
+    if epoch.table not in bits or owner.table not in bits:
+        return []
+    sizes = ((owner, spec.owner_bits(owner.table)), (epoch, EPOCH_BITS))
+    return [
+        (place.space, place.number + offset) for place, width in sizes for offset in range(width // bits[place.table])
+    ]
 
 
 def _list_addresses(source: RegisterMap, start: Place, cells: list[Cell]) -> str:

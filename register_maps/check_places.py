@@ -15,7 +15,7 @@ KeyPath = tuple[str | int, ...]
 
 
 def addresses(source: RegisterMap) -> Iterator[tuple[KeyPath, str]]:
-    """Yield every address of a map with its key: of signals, commands (written and read back) and write blocks."""
+    """Yield every address of a map with its key: of signals, commands (written and read back), write blocks and arbitration."""
     for name, signal in source.signals.items():
         for key, text in signal.keyed_addresses if name not in source.derived else ():
             yield ("signals", name, *key), text
@@ -24,6 +24,9 @@ def addresses(source: RegisterMap) -> Iterator[tuple[KeyPath, str]]:
             yield ("commands", name, *key), text
     for index, block in enumerate(source.write_blocks):
         yield ("write_blocks", index, "at"), block.at
+    if source.arbitration is not None:
+        yield ("arbitration", "epoch"), source.arbitration.epoch
+        yield ("arbitration", "owner"), source.arbitration.owner
 
 
 def find_unreadable(source: RegisterMap) -> list[Problem]:
@@ -55,8 +58,8 @@ def check_served(source: RegisterMap) -> Iterator[Problem]:
             message = f"nothing in the map is at {name}; write {name}/ before an address, or remove the endpoint"
             yield Problem(("endpoints",), message, warning=True)
     for path, text in addresses(source):
-        if path[0] == "write_blocks":
-            continue  # its commands are in this list too, and its gaps are checked with its limits
+        if path[0] in ("write_blocks", "arbitration"):
+            continue  # the commands of a block are in this list too, and what else it writes is checked with its limits
         if (unserved := _unserved(source, text, count=_registers(source, path))) is not None:
             yield Problem(path, unserved)
 

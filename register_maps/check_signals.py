@@ -19,7 +19,7 @@ _FORMS: dict[str, tuple[frozenset[Kind], str]] = {
     "at": (_SINGLE, "one point is not enough for one bit per floor"),
     "one_of": (frozenset({Kind.FLOOR}), "one bit per floor is for floors"),
     "each_of": (frozenset({Kind.FLOORS}), "any number of bits at once is for calls_registered"),
-    "code_of": (frozenset({Kind.FLOOR}), "a position code is for floors"),
+    "code_of": (frozenset({Kind.FLOOR, Kind.NUMBER}), "bits of a code are for floors and numbers"),
     "open_limit": (frozenset({Kind.DOOR}), "limits are for doors"),
     "open_limits": (frozenset({Kind.DOOR}), "limits are for doors"),
     "up": (frozenset({Kind.MOTION}), "two directions are for the motion"),
@@ -212,7 +212,7 @@ def _level(kind: Kind, signal: Signal, width: int) -> Messages:
     """Yield what is wrong with inverted bits, and with codes other than binary."""
     coded = kind is Kind.FLOOR and signal.type == "uint16" and width > 1
     inverted = kind is Kind.FLAG or (kind is Kind.DOOR and width == 1) or (coded and signal.bits is not None)
-    if signal.active == "low" and signal.at is not None and not inverted:
+    if signal.active == "low" and (signal.at is not None or kind is Kind.NUMBER) and not inverted:
         message = "`active: low` is for a flag, a door's single bit or limits, and the bits of a position code; change the `values`"
         yield ("active",), message
     if signal.code == "bcd":

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
 
+from register_maps.arbitration import ArbitrationCodec, arbitration_codec
 from register_maps.command_codec import CommandCodec, Written, command_codec
 from register_maps.points import UNLISTED, Block, Cell, Image, Point, Unlisted, Value
 from register_maps.schema import RegisterMap
@@ -50,6 +51,8 @@ class Codec:
     """Offset of each table of the controller."""
     written: tuple[Written, ...] = ()
     """Blocks that are always written as a whole."""
+    arbitration: ArbitrationCodec | None = None
+    """What each write carries where the controller decides whom it obeys."""
     _layouts: dict[tuple[Block, ...], _Layout] = field(default_factory=dict, compare=False, repr=False)
     """Where the signals lie in a poll, by its blocks: lifts that are read alike share it."""
 
@@ -157,7 +160,8 @@ def compile_map(source: RegisterMap, *, offset: Mapping[Table, int] | None = Non
         space: tuple(range(span.start + shift.get(space, 0), span.stop + shift.get(space, 0)) for span in spans)
         for space, spans in source.served_wire.items()
     }
-    return Codec(source, signals, commands, served, offset or {}, written)
+    arbitration = None if source.arbitration is None else arbitration_codec(source.arbitration, locate)
+    return Codec(source, signals, commands, served, offset or {}, written, arbitration)
 
 
 def _layout(signals: tuple[SignalCodec, ...], blocks: tuple[Block, ...]) -> _Layout:

@@ -28,7 +28,7 @@ _LARGEST = 2**53
 """Chosen: beyond it a number read with a fraction is no longer exact."""
 _DIGITS = len(str(_LARGEST))
 CHANGEABLE = (
-    *("signals", "commands", "served", "endpoints", "write_blocks"),
+    *("signals", "commands", "served", "endpoints", "write_blocks", "arbitration", "watchdog_s"),
     *("at_floor_evidence", "at_same_floor", "door_opens_within_s", "door_closes_within_s", "not_visible"),
 )
 """What a site may change of a map. The needs of the link are set at its controller."""

@@ -131,6 +131,7 @@ def json_schema() -> str:
         "link",
         "write_blocks",
         "at_floor_evidence",
+        "watchdog_s",
         "door_opens_within_s",
         "door_closes_within_s",
     ):
@@ -193,6 +194,8 @@ def _misfits(model: RegisterMap, given: Mapping[str, ParameterValue]) -> Iterabl
 def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
     """Return the map without the parts whose address cannot be parsed, so that the rest can be checked."""
     gone: set[KeyPath] = {problem.path[:2] for problem in hidden}
+    if any(path[0] == "arbitration" for path in gone):
+        gone |= {("signals", "epoch"), ("signals", "owner")}
     gone |= {("signals", name) for name, basis in model.derived.items() if ("signals", basis) in gone}
     return model.model_copy(
         update={
@@ -201,6 +204,7 @@ def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
             "write_blocks": tuple(
                 block for index, block in enumerate(model.write_blocks) if ("write_blocks", index) not in gone
             ),
+            "arbitration": None if any(path[0] == "arbitration" for path in gone) else model.arbitration,
         }
     )
 

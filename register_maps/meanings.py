@@ -17,6 +17,8 @@ SIGNAL_MEANINGS: Mapping[str, str] = {
     "fault_code": "the number of the fault, as the controller gives it",
     "identity": "a number by which the controller or its program can be recognised",
     "watchdog_time": "after how much silence the module lets its outputs fall; 0 = its watchdog is off",
+    "epoch": "the highest epoch in which the controller has obeyed a manager; it keeps it without power",
+    "owner": "the machine whose manager the controller obeys, by its number",
     "door.front": "position of the front car door, as seen by somebody in the car",
     "door.rear": "position of the rear car door, as seen by somebody in the car",
     "obstruction.front": "something is in the front doorway: light curtain or safety edge",

@@ -18,7 +18,7 @@ from register_maps.expand import is_usable
 from register_maps.fields import Address, Name, ParameterName, Part, Seconds
 from register_maps.signal_schema import Signal
 from register_maps.vocabulary import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, WORDS, Kind
-from register_maps.words import Table
+from register_maps.words import BIT_TABLES, Table
 
 __all__ = [
     "CALLS",
@@ -36,6 +36,8 @@ __all__ = [
 ]
 
 SCHEMA_VERSION = 1
+EPOCH_BITS = 32
+"""Of a term of a cluster: more terms than there are seconds in a century."""
 
 
 class Provenance(Part):
@@ -97,6 +99,22 @@ class WriteBlock(Part):
     """Written this often, even unchanged, so that a lost write is repaired."""
     gaps: Literal[0] | None = None
     """The value written to addresses in between that belong to no command; without it there may be none."""
+
+
+class Arbitration(Part):
+    """What each write carries where the controller itself decides which of two managers it obeys."""
+
+    epoch: Address
+    """Where a write carries the epoch of its manager: the first of two registers, or of 32 coils, the lowest bit first."""
+    owner: Address
+    """Where it carries the number of the machine: a register, or the first of 8 coils."""
+    word_order: Literal["high_first", "low_first"] = "high_first"
+    """Which half of the epoch has the lower register."""
+
+    @staticmethod
+    def owner_bits(table: Table) -> int:
+        """Return how many bits an owner has in this table."""
+        return 8 if table in BIT_TABLES else 16
 
 
 class Evidence(Part):
@@ -189,6 +207,10 @@ class RegisterMap(Part):
     commands: dict[str, Command] = Field(default_factory=dict)
     signals: dict[str, Signal] = Field(default_factory=dict)
     write_blocks: tuple[WriteBlock, ...] = ()
+    watchdog_s: Seconds | None = None
+    """After how long without a write the controller lets go what has `on_link_loss: device_watchdog`. None: not known."""
+    arbitration: Arbitration | None = None
+    """The controller obeys the manager of the highest epoch, and no other; by default it obeys whoever writes."""
     needs: dict[str, str] = Field(default_factory=dict)
     """Signals that a site must add because this interface does not have them, each with the reason."""
     needs_occupancy: bool = False

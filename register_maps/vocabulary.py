@@ -59,6 +59,9 @@ SIGNALS: dict[str, Kind] = {
     **{f"door.{side}": Kind.DOOR for side in Side},
     **{f"obstruction.{side}": Kind.FLAG for side in Side},
     **dict.fromkeys(_FLAGS, Kind.FLAG),
+    # at the end: the items of an acceptance test are numbered in this order
+    "epoch": Kind.NUMBER,
+    "owner": Kind.NUMBER,
 }
 """Every signal a map may declare, and its kind. Nothing else is accepted."""
 

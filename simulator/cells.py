@@ -11,6 +11,7 @@ from itertools import chain
 from math import inf
 
 from register_maps.address import space
+from register_maps.arbitration import NO_CLAIM
 from register_maps.codec import Codec, CommandCodec, Point
 from register_maps.words import Table
 
@@ -87,6 +88,9 @@ class Cells:
         """The values written as the program sees them; commands are read from here."""
         self.stale = True
         """A cell was written that does not simply show what was written."""
+        self._arbitration = codec.arbitration
+        self.obeyed = NO_CLAIM
+        """Whom the controller has obeyed last, where it decides that; it keeps this without power."""
         self.next_end = inf
         """When the device next releases an output by itself; infinity if there is none."""
         self._shown = codec.empty_image()
@@ -138,10 +142,17 @@ class Cells:
         cell = self._served_cells(self.written, endpoint, table, address, 1)[address]
         return self._pretended.get((space(endpoint, table), address), cell) if self._pretended else cell
 
-    def write(self, endpoint: str, table: Table, address: int, values: Sequence[int], now: float) -> None:
-        """Write cells. Raises ExceptionReply outside what the map serves, and for a coil that takes durations only."""
+    def write(self, endpoint: str, table: Table, address: int, values: Sequence[int], now: float) -> bool:
+        """Write cells, and return whether the controller obeys the write: of two managers it may obey one.
+
+        Raises ExceptionReply outside what the map serves, and for a coil that takes durations only.
+        """
         cells = self.writable(endpoint, table, address, values)
         name = space(endpoint, table)
+        taken = self._arbitrated(endpoint, table, address, values)
+        if taken is None:
+            return False
+        values = taken
         before = cells[address : address + len(values)]
         for image in (self.written, self._shown):
             image[name][address : address + len(values)] = values
@@ -155,6 +166,26 @@ class Cells:
             if (name, place) in self._timed_coils:
                 self._ends.pop(self._timed_coils[name, place][0], None)
         self._note_next_end()
+        return True
+
+    def _arbitrated(self, endpoint: str, table: Table, address: int, values: Sequence[int]) -> Sequence[int] | None:
+        """Return what the program leaves of these values; None where it does not obey them, and puts back what it has obeyed."""
+        if self._arbitration is None:
+            return values
+        written = dict(
+            zip(((endpoint, table, place) for place in range(address, address + len(values))), values, strict=True)
+        )
+        claim = NO_CLAIM
+        if written.keys() >= set(self._arbitration.cells):
+            claim = self._arbitration.decode({space(endpoint, table): [0] * address + list(values)})
+        if not claim.is_obeyed_after(self.obeyed):
+            self._pretended = {(space(*cell[:2]), cell[2]): value for cell, value in written.items()}
+            return None
+        self._pretended = {}
+        self.stale = self.stale or claim != self.obeyed
+        self.obeyed = claim
+        # epoch and owner are taken out, so that the next write is known as one
+        return [0 if cell in self._arbitration.cells else value for cell, value in written.items()]
 
     def pretend(self, endpoint: str, table: Table, address: int, values: Sequence[int]) -> None:
         """Write nothing, and answer as if it had been written. Raises ExceptionReply as `write` does."""

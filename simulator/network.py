@@ -7,9 +7,10 @@ a watchdog, robot mode, a button that is stuck, a press without an edge.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
 
 from simulator.shaft import NEGLIGIBLE_S
 
@@ -42,15 +43,14 @@ class TimedHold:
     """The pause between two of its pulses, so far."""
 
 
-@dataclass(frozen=True, slots=True)
-class NetworkMemory:
-    """The memory of the controller about its network."""
+class NetworkMemory(NamedTuple):
+    """The memory of the controller about its network. A tuple, as its `State` is."""
 
-    given: Given = field(default_factory=dict)
+    given: Given = MappingProxyType({})
     """Commands that it acts on."""
-    levels: Mapping[str, Level] = field(default_factory=dict)
+    levels: Mapping[str, Level] = MappingProxyType({})
     """Commands whose past a setting depends on; an absent command has been at rest for long enough."""
-    timed_holds: Mapping[str, TimedHold] = field(default_factory=dict)
+    timed_holds: Mapping[str, TimedHold] = MappingProxyType({})
     expired: frozenset[str] = frozenset()
     """Holds that the controller has released because their time was over."""
     signs_of_life: int = 0
@@ -64,13 +64,17 @@ def listen(
     memory: NetworkMemory, commands: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool
 ) -> NetworkMemory:
     """Return the memory after one scan; the same object if nothing has changed."""
-    if signs_of_life == memory.signs_of_life and commands == memory.given and parameters.believes_all:
-        return memory
     limit_s = parameters.hold_watchdog_s
     silent_s = 0.0
     if limit_s is not None and signs_of_life == memory.signs_of_life:
         silent_s = min(memory.silent_s + parameters.scan_s, limit_s)
     alive = limit_s is None or silent_s < limit_s - NEGLIGIBLE_S
+    in_mode = robot_mode or parameters.robot_mode_only.isdisjoint(commands)
+    if alive and in_mode and commands == memory.given and not (memory.tripped or parameters.times_commands):
+        # what counted counts on
+        if (signs_of_life, silent_s) == (memory.signs_of_life, memory.silent_s):
+            return memory
+        return memory._replace(signs_of_life=signs_of_life, silent_s=silent_s)
     levels = _levels(memory.levels, commands, parameters)
     timed_holds = dict(_timed_holds(memory.timed_holds, commands, parameters))
     expired = frozenset(

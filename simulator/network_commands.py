@@ -38,6 +38,8 @@ def watchdog_s(codec: Codec) -> float | None:
     watched = [codec.commands[name].spec for name in _watched(codec)]
     if not watched:
         return None
+    if codec.map.watchdog_s is not None:
+        return codec.map.watchdog_s
     heartbeat = codec.map.commands.get("heartbeat")
     if heartbeat is not None:
         return (heartbeat.every_s or 1.0) * WATCHDOG_REFRESHES

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
 
+from register_maps.arbitration import NO_CLAIM, Claim
 from register_maps.codec import Codec, Point
 from register_maps.command_codec import payload_counts
 from register_maps.words import Door, Motion, Table
@@ -44,6 +45,8 @@ class ShownRegisters(NamedTuple):
     beat: int
     """Count of the alive counter."""
     false_signals: FalseSignals = NO_FALSE_SIGNALS
+    obeyed: Claim = NO_CLAIM
+    """Whom the controller obeys, where it decides that."""
 
 
 class RegisterFaults:
@@ -173,12 +176,12 @@ def falsify_registers(shown: ShownRegisters, faults: frozenset[Fault], floors: i
     sides = frozenset(fault.side for fault in faults if isinstance(fault, ContradictingLimits))
     ahead = FloorAhead() in faults and _leaves(picture)
     if ahead:
-        picture = replace(picture, floor=_next_floor(picture, floors))
+        picture = picture._replace(floor=_next_floor(picture, floors))
     for fault in faults:
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
     disconnected = frozenset(fault.signal for fault in faults if isinstance(fault, DisconnectedSignal))
-    return ShownRegisters(picture, shown.beat, FalseSignals(ahead, sides, disconnected))
+    return shown._replace(picture=picture, false_signals=FalseSignals(ahead, sides, disconnected))
 
 
 def _leaves(picture: ShownState) -> bool:
@@ -199,8 +202,7 @@ def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
         to = min(max(floor + by, 0), floors - 1)
         return to if to != floor else min(max(floor - by, 0), floors - 1)
 
-    return replace(
-        picture,
+    return picture._replace(
         floor=other(picture.floor),
         level_floor=None if picture.level_floor is None else other(picture.level_floor),
         door_open_floor=None if picture.door_open_floor is None else other(picture.door_open_floor),
@@ -338,9 +340,9 @@ def step_stopped(state: State, dt: float, parameters: Parameters) -> State:
 
 def _braked(car: shaft.State, parameters: Parameters) -> shaft.State:
     """Return the car one scan later; without doors, because the mechanics would close them."""
-    without = replace(car, doors={})
+    without = car._replace(doors={})
     braked = shaft.step(without, shaft.Orders(), parameters.scan_s * parameters.speed, parameters.shaft)
-    return replace(braked, doors=car.doors)
+    return braked._replace(doors=car.doors)
 
 
 def restarted(state: State, key: Key, parameters: Parameters) -> State:

@@ -7,7 +7,7 @@ instant: a press and its release are two events, however close they are.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from operator import attrgetter
 
 from register_maps.codec import Codec, Image
@@ -38,13 +38,23 @@ BEATS_PER_S = 2
 """How often the alive counter counts. Chosen: twice as often as the generic map requires."""
 
 
-_picture_fields = attrgetter(*(name for name in State._fields if name != "since_scan_s"))
-"""The fields of a state that a picture depends on; not the time since the last scan."""
-_signal_fields = attrgetter(
-    *(field.name for field in fields(ShownState) if field.name not in ("position_m", "speed_m_s"))
+_picture_fields = attrgetter(
+    "shaft",
+    "mode",
+    "car_calls",
+    "landing_calls",
+    "called",
+    "destination",
+    "image",
+    "handshake",
+    "active_faults",
+    "homes_from",
+    "network_memory.tripped",
 )
+"""What `controller.picture` makes a picture of: not the timers, which count in every scan."""
+_signal_fields = attrgetter(*(name for name in ShownState._fields if name not in ("position_m", "speed_m_s")))
 """The fields of a picture that signals show, unless there is a car position."""
-_signal_fields_with_position = attrgetter(*(field.name for field in fields(ShownState) if field.name != "speed_m_s"))
+_signal_fields_with_position = attrgetter(*(name for name in ShownState._fields if name != "speed_m_s"))
 
 
 class RegisterFace:
@@ -74,8 +84,8 @@ class RegisterFace:
         )
         self._shown_fields = _signal_fields_with_position if "car_position" in codec.signals else _signal_fields
         self._shown: State | None = None
-        """The state when the registers were last updated, the fields they depend on, and the values they show."""
-        self._made_of: object = None
+        """The state when the registers were last updated, its picture with the count, and the values they show."""
+        self._made_of: tuple[ShownState, int] | None = None
         self._last_shown: object = None
         self._counts = any(signal.kind is Kind.COUNTER for signal in codec.signals.values())
         self._beats = 0
@@ -173,7 +183,9 @@ class RegisterFace:
         if fault in self.faults:
             return
         self._register_faults.begin(
-            fault, now, self._register_faults.falsify(ShownRegisters(self.picture, self._beats))
+            fault,
+            now,
+            self._register_faults.falsify(ShownRegisters(self.picture, self._beats, obeyed=self._cells.obeyed)),
         )
         match fault:
             case LostPress():
@@ -247,8 +259,8 @@ class RegisterFace:
         if self._register_faults.drops_writes:
             self._cells.pretend(endpoint, table, address, values)
             return
-        self._cells.write(endpoint, table, address, values, now)
-        self._written()
+        if self._cells.write(endpoint, table, address, values, now):
+            self._written()
 
     def mask_write(self, address: int, keep: int, put: int, now: float, *, endpoint: str = "") -> None:
         """Write some bits of a holding register: its contents AND `keep`, OR `put` without `keep` (FC22)."""
@@ -330,11 +342,11 @@ class RegisterFace:
         self._shown = state
         if self._counts and not self._register_faults.is_stopped:
             self._beats = int((self._now - self._beats_from) * BEATS_PER_S) & 0xFFFF
-        made_of = _picture_fields(state), self._beats
-        if made_of == self._made_of and not stale:
+        before, picture = self._made_of, self.picture
+        if before is not None and picture is before[0] and self._beats == before[1] and not stale:
             return
-        self._made_of = made_of
-        shown = ShownRegisters(self.picture, self._beats)
+        self._made_of = picture, self._beats
+        shown = ShownRegisters(picture, self._beats, obeyed=self._cells.obeyed)
         if self._register_faults.is_falsified:
             shown = self._register_faults.falsify(shown)
         fields = self._shown_fields(shown.picture), shown.beat, shown.false_signals

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import sqrt
+from typing import NamedTuple
 
 from register_maps.words import Motion, Side
 from simulator import doors
@@ -101,9 +102,8 @@ class Parameters:
         return tuple(side for side in Side if any(side in doors for doors in self.doors_at))
 
 
-@dataclass(frozen=True, slots=True)
-class State:
-    """Where the car is and how far its doors are open."""
+class State(NamedTuple):
+    """Where the car is and how far its doors are open. A tuple: each scan of a moving car makes one."""
 
     position_m: float
     speed_m_s: float

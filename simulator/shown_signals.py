@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from register_maps.arbitration import NO_CLAIM, Claim
 from register_maps.codec import UNLISTED, Codec, Point, SignalCodec, Value
 from register_maps.schema import Kind, Signal
 from register_maps.words import Door, Mode, Motion, Side
@@ -63,6 +64,9 @@ class ShownSignals:
         self._positions = _positions(position, self._codes, heights_m) if position is not None else ()
         """Height of each floor in metres, and the position reported there."""
         self._knows_no_position = position is not None and bool(position.unknown)
+        self._inserted: tuple[ShownState, FalseSignals, Claim] | None = None
+        """What was inserted last, with these bits of each signal but the counters."""
+        self._bits: list[tuple[SignalCodec, list[tuple[str, Point]], int | None]] = []
         self._raw: dict[str, dict[Value, int | None]] = {name: {} for name in codec.signals}
         """What each value was found to be in raw bits; None: there are none for it."""
         self._has_unknown_floor_code = floor is not None and self._encoded(floor, None) is not None
@@ -73,17 +77,18 @@ class ShownSignals:
         picture: ShownState,
         beat: int,
         false_signals: FalseSignals = NO_FALSE_SIGNALS,
+        obeyed: Claim = NO_CLAIM,
     ) -> None:
-        """Put every signal into a register image; `beat` is what a counter stands at."""
-        for signal, places in self._signals:
-            value = self._value(signal, picture, beat, false_signals)
-            encoded = self._raw[signal.name]
-            if signal.kind is Kind.COUNTER or signal.name == "car_position":
-                raw: int | None = signal.encode(value)
-            elif value in encoded:
-                raw = encoded[value]
-            else:
-                raw = encoded[value] = self._encoded(signal, value)
+        """Put every signal into a register image; `beat` is what a counter stands at, `obeyed` whom the controller obeys."""
+        inserted = self._inserted
+        if inserted is None or picture is not inserted[0] or false_signals is not inserted[1] or obeyed != inserted[2]:
+            self._inserted = picture, false_signals, obeyed
+            self._bits = [
+                (signal, places, self._raw_of(signal, picture, beat, false_signals, obeyed))
+                for signal, places in self._signals
+            ]
+        for signal, places, bits in self._bits:
+            raw = signal.encode(beat) if signal.kind is Kind.COUNTER else bits
             if raw is not None:
                 _insert(image, places, raw)
         for side in false_signals.contradicting:
@@ -93,7 +98,21 @@ class ShownSignals:
                 if signal.name in false_signals.disconnected:
                     _insert(image, places, 0)
 
-    def _value(self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals) -> Value:
+    def _raw_of(
+        self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals, obeyed: Claim
+    ) -> int | None:
+        """Return the bits that a signal shows; None where the map has none for its value."""
+        value = self._value(signal, picture, beat, false_signals, obeyed)
+        if signal.kind is Kind.COUNTER or signal.name == "car_position":
+            return signal.encode(value)
+        encoded = self._raw[signal.name]
+        if value not in encoded:
+            encoded[value] = self._encoded(signal, value)
+        return encoded[value]
+
+    def _value(
+        self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals, obeyed: Claim
+    ) -> Value:
         match signal.kind:
             case Kind.FLOOR:
                 return self._floor(signal, picture, false_signals)
@@ -108,7 +127,7 @@ class ShownSignals:
             case Kind.COUNTER:
                 return beat
             case Kind.NUMBER:
-                return self._number(signal.name, picture)
+                return self._number(signal.name, picture, obeyed)
             case Kind.FLAG:
                 return self._flag(signal.name, picture)
 
@@ -127,10 +146,16 @@ class ShownSignals:
             index = None if self._has_unknown_floor_code else picture.last_known_floor
         return None if index is None else self._codes[index]
 
-    def _number(self, name: str, picture: ShownState) -> int | None:
+    def _number(self, name: str, picture: ShownState, obeyed: Claim) -> int | None:
         if name == "car_position":
             return self._position(picture)
-        return {"watchdog_time": self._watchdog_counts, "fault_code": int(picture.fault)}.get(name, 0)
+        numbers = {
+            "watchdog_time": self._watchdog_counts,
+            "fault_code": int(picture.fault),
+            "epoch": obeyed.epoch,
+            "owner": obeyed.owner,
+        }
+        return numbers.get(name, 0)
 
     def _position(self, picture: ShownState) -> int | None:
         if self._knows_no_position and not picture.floor_known:

@@ -80,10 +80,9 @@ class Parameters:
         return self.shaft.doors_at
 
     @property
-    def believes_all(self) -> bool:
-        """Whether every network command counts for as long as it is there."""
-        timers = self.hold_watchdog_s, self.drops_stuck_button_s, self.needs_edge_s
-        return timers == (None, None, None) and not (self.robot_mode_only or self.released_after_s)
+    def times_commands(self) -> bool:
+        """Whether it depends on the past of a network command whether it counts, apart from the watchdog."""
+        return not (self.drops_stuck_button_s is None and self.needs_edge_s is None and not self.released_after_s)
 
     @property
     def ticks_per_scan(self) -> int:
@@ -153,9 +152,8 @@ class State(NamedTuple):
     """Real seconds since the last scan."""
 
 
-@dataclass(frozen=True, slots=True)
-class ShownState:
-    """What the lift shows to the outside, as of the last scan."""
+class ShownState(NamedTuple):
+    """What the lift shows to the outside, as of the last scan. A tuple: a moving car shows another one after each scan."""
 
     floor: int
     """Floor whose door zone the car was in last: never the destination before the car is there."""

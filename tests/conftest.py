@@ -41,6 +41,7 @@ LONGEST = (
     "packaging/test_packages.py",
     "packaging/test_wheel.py",
     "lift_manager/hub/test_hub.py",
+    "lift_manager/hub/test_three_servers.py",
     "lift_manager/hub/test_missing.py",
     "campaigns/test_other_campaigns.py",
     "campaigns/test_rest.py",

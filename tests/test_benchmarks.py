@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from benchmarks import common
 from benchmarks.__main__ import BEGIN, BENCHMARKS, END, main, with_section
 from tests.support.programs import HANGS_S, running_script
 
@@ -70,3 +71,12 @@ def test_a_benchmark_that_is_run_again_replaces_its_own_figures_alone() -> None:
 def test_a_readme_without_a_place_for_figures_is_left_alone() -> None:
     with pytest.raises(SystemExit, match="no place for results"):
         with_section("# Benchmarks\n", "rest", "### `rest.py`\n")
+
+
+def test_a_process_of_a_benchmark_that_ends_without_a_figure_ends_the_benchmark() -> None:
+    ours, theirs = common.FORK.Pipe(duplex=False)
+    process = common.FORK.Process(target=lambda: None)
+    process.start()
+    with ours, theirs, pytest.raises(SystemExit, match="ended with 0"):
+        common.received(ours, process)
+    process.join()

@@ -30,6 +30,7 @@ RUN_BY = {
     "docs/how-to/people-first.md": "tests/test_how_to.py",
     "docs/how-to/the-panel.md": "tests/test_how_to.py",
     "docs/how-to/try-a-command.md": "tests/test_how_to.py",
+    "docs/how-to/two-managers.md": "tests/lift_manager/cluster/test_set_up.py",
     "docs/how-to/watch-and-trace.md": "tests/test_how_to.py",
     "docs/reference/commands.md": "tests/test_how_to.py",
     "docs/reference/journal.md": "tests/test_how_to.py",

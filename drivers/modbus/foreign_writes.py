@@ -121,6 +121,10 @@ class ForeignWriteCheck:
             notices = [notice for notice in notices if not notice.name]
         return tuple(notice.text for notice in notices)
 
+    def note(self, text: str) -> None:
+        """Give a notice with the next reading."""
+        self.notices.append(_TimedNotice(text))
+
     def count_write(self, cells: Iterable[Cell]) -> None:
         """Count the start or the end of a write of ours to these cells."""
         for cell in cells:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from drivers.modbus.output import Beat, Cells, Output, put_values
 from drivers.modbus.steps import Phase, Step, StepKind
-from register_maps.codec import Block, Cell, CommandCodec
+from register_maps.codec import Block, Cell, CommandCodec, Point
 from register_maps.command_codec import Written
 
 _BUSY = (Phase.ON, Phase.LEAVING)
@@ -19,6 +19,8 @@ class Image:
         """Read the current state of these outputs and beats; `written` are the blocks of the map."""
         self._outputs = outputs
         self._beats = beats
+        self.claim: Mapping[Point, int] = {}
+        """What each write carries where the controller decides whom it obeys."""
         self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
         """All our cells with nothing pressed."""
         codecs = [output.codec for output in outputs.values()] + [beat.codec for beat in beats.values()]
@@ -35,6 +37,7 @@ class Image:
                 put_values(image, output.codec.encode(output.code))
         if step.block is None:
             put_values(image, self._codec(step).encode(step.code))
+        put_values(image, self.claim)
         return image
 
     def covered_cells(self, step: Step) -> list[Cell]:

@@ -13,6 +13,7 @@ from drivers.errors import (
     UnitOffline,
 )
 from drivers.modbus.alive_counter import SIGNAL, AliveCounter
+from drivers.modbus.arbitration import SIGNALS, Arbitration
 from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.foreign_writes import ForeignWriteCheck
@@ -41,6 +42,7 @@ from drivers.model import (
     Result,
     SignalValue,
 )
+from register_maps.arbitration import NO_CLAIM, Claim, claim_alone
 from register_maps.codec import Cell, Codec
 
 _ONLY_ALIVE = frozenset({SIGNAL})
@@ -59,8 +61,13 @@ class ModbusLift:
         link: Link,
         settings: LiftSettings,
         endpoints: Mapping[str, Unit] | None = None,
+        *,
+        claim: Claim | None = None,
     ) -> None:
-        """Plan the poll and prepare its requests; `endpoints` are the map's further devices."""
+        """Plan the poll and prepare its requests; `endpoints` are the map's further devices.
+
+        `claim` is that of the term of this manager, for a controller that arbitrates; None without a cluster.
+        """
         self._codec = codec
         self._units = Units(Unit(link, settings.unit_id), endpoints or {})
         self._name = link.name
@@ -83,7 +90,7 @@ class ModbusLift:
         car_floor = codec.map.signals.get("car_floor")
         self._is_floor_known_under_way = car_floor is None or car_floor.known_while is None
         self._diagnosis = Diagnosis(codec, self._units, settings.name)
-        self._outputs = Outputs(self._commands, codec.written)
+        self._outputs = Outputs(self._commands, codec.written, codec.arbitration)
         self._declared: frozenset[str] = frozenset()
         """Names of the holds that should be on."""
         self._reports = DriverReports(self._outputs, self._names)
@@ -91,6 +98,11 @@ class ModbusLift:
         notes = WriteReports(self._reports.report, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._units, settings, notes)
         self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._reports.report)
+        self._arbitration = (
+            Arbitration(claim, self._outputs.set_claim, self._note)
+            if codec.arbitration is not None and settings.control
+            else None
+        )
         self._permissions = self._new_permissions()
         self._foreign_writes = self._new_foreign_write_check()
         self._notices = self._foreign_writes.notices
@@ -158,7 +170,7 @@ class ModbusLift:
                 payloads: tuple[bytes, ...] = (await link.read(request),)
             except ControllerException as error:
                 raise await self._diagnosis.explain(error, block) from error
-            at = link.asked_at
+            at = link.stats.asked_at
             requested_at: tuple[float, ...] = (at,)
         else:
             payloads, requested_at = await self._read_blocks()
@@ -257,7 +269,8 @@ class ModbusLift:
     def plan(self, steps: Sequence[CommandStep]) -> tuple[PlannedWrite, ...]:
         """Return every press and release that these steps would write from rest."""
         coded = [(step, self._code(step.command)) for step in steps]
-        return plan_writes(self._codec, self._units.unit, coded)
+        claim = claim_alone(NO_CLAIM) if self._arbitration is None else self._arbitration.claim
+        return plan_writes(self._codec, self._units.unit, claim, coded)
 
     def fence(self, until: float) -> None:
         """Write nothing at or after this time."""
@@ -267,6 +280,10 @@ class ModbusLift:
     async def released(self) -> None:
         """Return once every output is at rest."""
         await self._worker.wait_until_at_rest()
+
+    def _note(self, text: str) -> None:
+        """Give a notice with the next reading."""
+        self._foreign_writes.note(text)
 
     def _on_outputs_changed(self) -> None:
         """Report the outputs and wake the workers after a change of what is declared or pressed."""
@@ -287,12 +304,15 @@ class ModbusLift:
                 payloads.append(await link.read(request))
             except ControllerException as error:
                 raise await self._diagnosis.explain(error, block) from error
-            requested_at.append(link.asked_at)
+            requested_at.append(link.stats.asked_at)
         return tuple(payloads), tuple(requested_at)
 
     def _update_values(self, changed: frozenset[str], at: float) -> LiftValues:
         if SIGNAL in changed:
             self._alive.beat(at)
+        if self._arbitration is not None and not SIGNALS.isdisjoint(changed):
+            self._arbitration.update(self._reader.values)
+            self._reports.ignored = self._arbitration.refusal
         values = self._reports.values
         if values is None or changed != _ONLY_ALIVE:
             self._reports.values = values = lift_values(

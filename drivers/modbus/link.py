@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import StrEnum, unique
 
@@ -45,8 +45,18 @@ class Link:
     One transaction is in flight at a time. A command waits for that one at most, not for queued reads.
     """
 
-    def __init__(self, make_wire: Callable[[], Wire], settings: LinkSettings | None = None, *, name: str) -> None:
-        """`make_wire` is called for every attempt to connect; `name` begins every message."""
+    def __init__(
+        self,
+        make_wire: Callable[[], Wire],
+        settings: LinkSettings | None = None,
+        *,
+        name: str,
+        prepare: Callable[[], Awaitable[None]] | None = None,
+    ) -> None:
+        """`make_wire` is called for every attempt to connect; `name` begins every message.
+
+        `prepare` is awaited before each attempt, which fails with it if it raises ConnectFailed.
+        """
         self.name = name
         self.settings = settings or LinkSettings()
         self.stats = LinkStats()
@@ -56,9 +66,8 @@ class Link:
         """Held while a word is read and written back changed, so that two lifts on one controller cannot undo each other's writes."""
         self.declared: DeclaredWrites | None = None
         """What the lifts on this link may write; any other write is a bug. None before a lift is added."""
-        self.asked_at = 0.0
-        """When the request left whose answer `read` returned last: it may have waited for other lifts on this link."""
         self._make_wire = make_wire
+        self._prepare = prepare
         self._wire: Wire | None = None
         self._transactions: Transactions | None = None
         self._listeners: tuple[OnBytes, ...] = ()
@@ -133,9 +142,7 @@ class Link:
             raise self._link_down()
         if request.values:
             raise ValueError(f"not a read: {request}")
-        payload = await transactions.read(request)
-        self.asked_at = transactions.asked_at
-        return payload
+        return await transactions.read(request)
 
     async def read_urgent(self, request: Request) -> bytes:
         """As `read`, in the command lane: to read back the effect of a command."""
@@ -217,6 +224,10 @@ class Link:
         self._down.clear()
         self._state = LinkState.CONNECTING
         try:
+            if self._prepare is not None:
+                await self._prepare()
+                if self._down.is_set():
+                    return False  # it was closed meanwhile
             await wire.open(transactions.on_frame, self._on_lost, timeout_s=self.settings.connect_timeout_s)
         except ConnectFailed as error:
             self.stats.failed_connects += 1

@@ -23,6 +23,7 @@ from drivers.modbus.output import (
 )
 from drivers.modbus.steps import READ_ONLY_KINDS, Phase, Step, StepKind
 from drivers.model import Hold, PressId
+from register_maps.arbitration import NO_CLAIM, ArbitrationCodec, Claim, claim_alone
 from register_maps.codec import Cell, CommandCodec
 from register_maps.command_codec import Written
 
@@ -30,8 +31,16 @@ from register_maps.command_codec import Written
 class Outputs:
     """All outputs of one lift, and the writes they need."""
 
-    def __init__(self, commands: Mapping[str, CommandCodec], written: Sequence[Written] = ()) -> None:
-        """Assume that every output is at rest until `record_reconnect` shows what the controller holds."""
+    def __init__(
+        self,
+        commands: Mapping[str, CommandCodec],
+        written: Sequence[Written] = (),
+        arbitration: ArbitrationCodec | None = None,
+    ) -> None:
+        """Assume that every output is at rest until `record_reconnect` shows what the controller holds.
+
+        Where the controller arbitrates, writes claim what a manager alone claims of a new controller, until `set_claim`.
+        """
         self._outputs = {
             name: Output(codec, period_s(codec, written))
             for name, codec in commands.items()
@@ -46,9 +55,16 @@ class Outputs:
             if every_s is not None and not own.isdisjoint(block.cells)
         ]
         self._image = Image(self._outputs, self._beats, written)
+        self._arbitration = arbitration
+        self.set_claim(claim_alone(NO_CLAIM))
 
     def __contains__(self, name: str) -> bool:
         return name in self._outputs
+
+    def set_claim(self, claim: Claim) -> None:
+        """Let every write from now on carry this claim, where the map has a place for it."""
+        if self._arbitration is not None:
+            self._image.claim = self._arbitration.encode(claim)
 
     def press(
         self, name: str, code: int | None, now: float, *, press: PressId | None = None, leave_by: float = math.inf

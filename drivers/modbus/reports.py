@@ -33,6 +33,8 @@ class DriverReports:
         """The newest values of the lift; None before the first reading."""
         self.states: Mapping[str, OutputState] = dict.fromkeys(outputs.names, OutputState.AT_REST)
         """As last reported; a new object whenever one has changed."""
+        self.ignored: str | None = None
+        """Why the controller would not obey; None while it would."""
         self._outputs = outputs
         self._floors = floors
 
@@ -56,7 +58,7 @@ class DriverReports:
 
     def blocked_by(self, name: str, press: PressId | None) -> str | None:
         """Return what forbids writing an output as pressed, or None."""
-        return self.owner.blocked_by(self.command(name), press)
+        return self.ignored or self.owner.blocked_by(self.command(name), press)
 
     def command(self, name: str) -> Command:
         """Return the command that an output carries out."""

@@ -92,6 +92,8 @@ class LinkStats:
     """Units that do not answer while others on this link do."""
     answered_at: float | None = None
     """Loop time of the newest good answer, including exceptions; None before the first."""
+    asked_at: float = 0.0
+    """When the request left to which that was the answer: it may have waited for other lifts on this link."""
     round_trips: Histogram = field(default_factory=Histogram)
     """From request to good answer, including late ones. Requests without an answer are only in `timeouts`."""
     read_waits: Histogram = field(default_factory=Histogram)

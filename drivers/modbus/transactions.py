@@ -100,7 +100,6 @@ class Transactions:
         "_unpaused",
         "_wire",
         "_write_wait_s",
-        "asked_at",
         "last_tid",
         "proved",
     )
@@ -138,8 +137,8 @@ class Transactions:
         self._commands: list[_Job] = []
         self._reads: list[_Job] = []
         self._job: _Job | None = None
-        self._sent_at = self.asked_at = 0.0
-        """When the newest request left, and when that one did whose answer came last."""
+        self._sent_at = 0.0
+        """When the newest request left."""
         self._deadline = self._timer_at = 0.0
         self._overdue: dict[int, tuple[float, Latency]] = {}
         """Requests not answered in time, by transaction id: when they were sent, and the estimator of their unit."""
@@ -179,8 +178,10 @@ class Transactions:
         """Queue a request in the read lane."""
         future: asyncio.Future[bytes] = self._loop.create_future()
         if self._job is None and self._gap is None and self._busy_pause is None:
-            self._reads.append((future, request, None, self._settings.busy_retries, _AT_ONCE, False))
-            self._next()
+            # nothing waits in either lane then
+            self._commands_in_a_row = 0
+            self._stats.read_waits.counts[0] += 1  # not `add`, as in `on_frame`
+            self._send((future, request, None, self._settings.busy_retries, _AT_ONCE, False))
             return future
         self._reads.append((future, request, None, self._settings.busy_retries, self._loop.time(), False))
         return future
@@ -225,7 +226,7 @@ class Transactions:
             if not future.done():
                 future.set_result(payload)
         now, stats = self._loop.time(), self._stats
-        self.asked_at = sent_at = self._sent_at
+        stats.asked_at = sent_at = self._sent_at
         took_s = now - sent_at
         stats.answered_at = now
         # not `add`: this runs for every answer, and the call costs as much as the rest
@@ -268,6 +269,11 @@ class Transactions:
             # A finished future: its caller was cancelled.
             if not job[0].done() and (job[2] is None or self._may_leave(job, job[2])):
                 break
+        waits.add(0.0 if job[4] < 0 else self._loop.time() - job[4])  # less than 0: _AT_ONCE
+        self._send(job)
+
+    def _send(self, job: _Job) -> None:
+        """Begin a transaction."""
         self._job = job
         self.last_tid = tid = self.last_tid % _HIGHEST_TID + 1
         self._stats.transactions += 1
@@ -280,10 +286,6 @@ class Transactions:
         if wait_s < self._write_wait_s and request.is_write:
             wait_s = self._write_wait_s
         self._sent_at = sent_at = self._loop.time()
-        if job[4] < 0:  # _AT_ONCE
-            waits.counts[0] += 1
-        else:
-            waits.add(sent_at - job[4])
         self._deadline = sent_at + wait_s
         # One timer serves many transactions: where it fires early it is set again.
         if self._timer is None:

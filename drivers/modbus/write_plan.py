@@ -11,6 +11,7 @@ from drivers.modbus.steps import READ_ONLY_KINDS, Phase, Step, StepKind
 from drivers.modbus.write_reports import hex_part
 from drivers.modbus.writes import step_requests
 from drivers.model import CommandInfo, CommandStep, OutputState, PlannedWrite
+from register_maps.arbitration import Claim
 from register_maps.codec import Block, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE
 from register_maps.meanings import COMMAND_MEANINGS
@@ -44,13 +45,13 @@ def command_info(command: CommandCodec, state: OutputState | None) -> CommandInf
 
 
 def plan_writes(
-    codec: Codec, unit_of: Callable[[str], int], steps: Iterable[tuple[CommandStep, int | None]]
+    codec: Codec, unit_of: Callable[[str], int], claim: Claim, steps: Iterable[tuple[CommandStep, int | None]]
 ) -> tuple[PlannedWrite, ...]:
     """Return what these steps would write from rest, each with the code of its floor; what is on at their end is released.
 
     Raises ValueError for a command that the map does not have, or that writes a floor without a code.
     """
-    plan = _Plan(codec, unit_of)
+    plan = _Plan(codec, unit_of, claim)
     for step, code in steps:
         name = step.command.name
         if not plan.has(name):
@@ -68,10 +69,11 @@ def plan_writes(
 class _Plan:
     """Outputs on a clock of their own, in front of a device that always obeys."""
 
-    def __init__(self, codec: Codec, unit_of: Callable[[str], int]) -> None:
+    def __init__(self, codec: Codec, unit_of: Callable[[str], int], claim: Claim) -> None:
         self._commands = codec.commands
         self._unit_of = unit_of
-        self._outputs = Outputs(codec.commands, codec.written)
+        self._outputs = Outputs(codec.commands, codec.written, codec.arbitration)
+        self._outputs.set_claim(claim)
         self._now = 0.0
         self.writes: list[PlannedWrite] = []
 

@@ -18,6 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drivers.errors import ConnectFailed, ControllerTaken, LockUnusable
+from lift_manager.cli.active_machine import WithoutEtcd, require_no_active_machine
 from lift_manager.cli.checkout_access import SiteAccess, hold_door
 from lift_manager.cli.checkout_phone import PhonePage, open_socket, print_code, serve_page
 from lift_manager.cli.checkout_terminal import HELP, EndOfInput, TerminalPerson
@@ -119,6 +120,7 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
         bool, typer.Option("--new", help="Begin another test; the record of the last one is kept beside it.")
     ] = False,
     show_list: Annotated[bool, typer.Option("--list", help="Only list the items with their results, and end.")] = False,
+    without_etcd: WithoutEtcd = False,
     hold_door_at: Annotated[str, typer.Option(hidden=True)] = "",
 ) -> None:
     """Test a lift item by item, for a record that people sign.
@@ -150,6 +152,7 @@ def checkout(  # noqa: PLR0913  each is an option of the command line
         if show_list:
             _show_list(plan, record)
             return
+        require_no_active_machine(loaded, without_etcd=without_etcd)
         people = _people(by, technician, witness, record)
         access = SiteAccess(loaded, lift)
         how = _Manner(probe_identity, conditions, open_socket(phone) if phone else None)

@@ -6,7 +6,7 @@ import json
 import os
 import re
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,6 +31,10 @@ out = Console(emoji=False)
 err = Console(stderr=True, emoji=False)
 
 SiteFile = Annotated[Path, typer.Argument(metavar="SITE", help="The site file.")]
+Machine = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="In a cluster: which machine this is, instead of the host name."),
+]
 MapName = Annotated[str, typer.Argument(metavar="MAP", help="A shipped map by name, or the path of a map file.")]
 Floors = Annotated[str, typer.Option(help="Floors with their codes, lowest first, such as B1=-1,L1=1,L2=2.")]
 
@@ -86,6 +90,15 @@ def load_site_or_exit(path: Path, *, for_rmf: bool = False) -> LoadedSite:
         return load_site(path, for_rmf=for_rmf)
     except MapFileError as error:
         raise report_mistakes(error) from error
+
+
+def on_machine(loaded: LoadedSite, name: str | None) -> LoadedSite:
+    """Return the site as of the machine of this name, if there is one and a cluster; the site file or the host name says it otherwise."""
+    cluster = loaded.site.cluster
+    if name is None or cluster is None:
+        return loaded
+    site = loaded.site.model_copy(update={"cluster": cluster.model_copy(update={"machine": name})})
+    return replace(loaded, site=site)
 
 
 def store_path_of(loaded: LoadedSite) -> Path:

@@ -15,6 +15,7 @@ import typer
 
 from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager.app import network_wires
+from lift_manager.cli.active_machine import WithoutEtcd, active_machine_problem
 from lift_manager.cli.common import (
     Floors,
     controller_address,
@@ -82,6 +83,7 @@ def doctor(  # noqa: PLR0913  a parameter per option
             metavar="NAME", help=f"Also read what a manager would not: {', '.join(Probe)} or all. Can be repeated."
         ),
     ] = [],  # noqa: B006 - typer makes a new list of it
+    without_etcd: WithoutEtcd = False,
     as_json_: Annotated[bool, typer.Option("--json", help="Print JSON, for other programs and for --against.")] = False,
     against: Annotated[
         Path | None,
@@ -107,7 +109,7 @@ def doctor(  # noqa: PLR0913  a parameter per option
             before = read_report(against)
         except NotAReport as error:
             raise _cannot_run(str(error)) from error
-    subjects, make_wire = _subjects(subject, map_name, unit, floors)
+    subjects, make_wire = _subjects(subject, map_name, unit, floors, without_etcd=without_etcd)
     for name in chosen:
         print_stderr(f"probe {name}: {RISKS[name]}")
     try:
@@ -144,7 +146,9 @@ def _cannot_run(text: str) -> typer.Exit:
     return typer.Exit(CANNOT_RUN)
 
 
-def _subjects(subject: str, map_name: str, unit: int | None, floors: str) -> tuple[Subjects, MakeWire]:
+def _subjects(
+    subject: str, map_name: str, unit: int | None, floors: str, *, without_etcd: bool
+) -> tuple[Subjects, MakeWire]:
     """Return what to examine: the controllers of a site file, or one address."""
     if Path(subject).is_file() or subject.endswith((".yaml", ".yml")):
         if map_name or unit is not None or floors:
@@ -152,6 +156,8 @@ def _subjects(subject: str, map_name: str, unit: int | None, floors: str) -> tup
                 "a site file says it already; leave it out, or give HOST:PORT", param_hint="--map, --unit, --floors"
             )
         loaded = load_site_or_exit(Path(subject))
+        if problem := active_machine_problem(loaded, without_etcd=without_etcd):
+            raise _cannot_run(problem)
         return subjects_of_site(loaded), _site_wires(loaded)
     host, port = host_and_port(subject)
     loaded_map = load_map_or_exit(map_name) if map_name else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import logging
 import sys
@@ -27,12 +28,14 @@ from lift_manager.cli.keys import check_name, current_user, keep_to_owner, key_l
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.tls_options import Ca, tls_context
+from lift_manager.config.tls import EXPIRY_WARNING
 from lift_manager.hub.commands import read_action
 from lift_manager.hub.connection import require_nats
 from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing, SiteRefused
-from lift_manager.hub.folder import HttpSettings, HubFolder, HubSettings, NatsSettings
+from lift_manager.hub.folder import CERTIFICATES, HttpSettings, HubFolder, HubSettings, NatsSettings
 from lift_manager.hub.messages import BeginRide, CancelRide
 from lift_manager.hub.nats_server import NatsServerMissing
+from lift_manager.hub.remote_site import SiteState
 from lift_manager.hub.service import Hub
 from lift_manager.hub.signing import sign, signed_text
 from lift_manager.hub.web import make_hub_app
@@ -40,6 +43,7 @@ from lift_manager.plain.signals import stop_on_signals
 from lift_manager.plain.text import counted
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyFile, make_key, read_keys, revoke_key
+from lift_manager.systemd import Notifier, notifier, report_to_systemd
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.origin import is_loopback
@@ -91,7 +95,7 @@ def hub(
         require_nats()
         place = _open(folder)
         settings = place.settings().http
-        for caution in _cautions(place.settings()):
+        for caution in (*_cautions(place.settings()), *_expiry_cautions(place)):
             _log.warning("%s", caution)
         try:
             sock = listen(settings.host, settings.port)
@@ -352,6 +356,13 @@ def _cautions(settings: HubSettings) -> Iterator[str]:
         yield f"the API listens on {settings.http.host} without TLS: keys cross the network as they are; add `http: {{tls: ...}}`"
 
 
+def _expiry_cautions(place: HubFolder) -> Iterator[str]:
+    """Yield a line about each certificate that does not last much longer."""
+    for name, until in place.certificates().items():
+        if until is not None and until - datetime.now(UTC) < EXPIRY_WARNING:
+            yield f"the certificate of `{CERTIFICATES[name]}` in hub.yaml is valid until {until:%Y-%m-%d}; renew it in time"
+
+
 def _key_file(folder: HubFolder, settings: HttpSettings, sock: socket) -> KeyFile:
     host = sock.getsockname()[0]
     is_open = is_loopback(host) or settings.without_keys is not None
@@ -378,13 +389,32 @@ async def _serve(hub: Hub, settings: HttpSettings, keys: KeyFile, sock: socket) 
     host, port = sock.getsockname()[:2]
     where = f"{'http' if tls is None else 'https'}://{host}:{port}"
 
+    systemd, connected = notifier(), asyncio.Event()
+
     def ready() -> None:
         out.print(f"hub: {counted(len(hub.registry.sites), 'site')} on {where}", highlight=False)
+        gc.freeze()  # a full collection of all that lives as long as the process would delay every reply by a tenth of a second
+        connected.set()
 
     web = make_hub_app(hub, keys, host_names=(settings.host, *settings.host_names))
     async with asyncio.TaskGroup() as tasks:
-        work = [hub.run(ready), keys.run(lambda _: None), serve(web, sock, tls=tls)]
+        work = [serve(web, sock, tls=tls), hub.run(ready), keys.run(lambda _: None), _report(systemd, hub, connected)]
         running = [tasks.create_task(one) for one in (*work, *([] if tls is None else [renew_certificates(tls)]))]
         await stop.wait()
+        systemd.send("STOPPING=1")
         for task in running:
             task.cancel()
+
+
+async def _report(systemd: Notifier, hub: Hub, connected: asyncio.Event) -> None:
+    """Report to systemd until cancelled: ready once there is a connection, then that the loop runs, and how many sites are online."""
+    systemd.send("STATUS=waiting for a NATS server")
+    await connected.wait()
+
+    def status() -> str:
+        online = sum(hub.state(site) is SiteState.ONLINE for site in hub.registry.sites)
+        found = f"{counted(len(hub.registry.sites), 'site')}, {online} online"
+        return found if hub.is_up else f"{found}, no connection to a NATS server"
+
+    # no polls: a site that cannot be reached, or a NATS server, is not reached sooner by another start
+    await report_to_systemd(systemd, {}, dict, status)

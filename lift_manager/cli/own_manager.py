@@ -19,6 +19,7 @@ from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.api.roles import Role
+from lift_manager.cli.active_machine import require_no_active_machine
 from lift_manager.cli.common import fail, load_site_or_exit, open_store_or_exit, print_stderr, report_mistakes
 from lift_manager.cli.logs import HumanFormatter
 from lift_manager.cli.loop import cancel_on_signals
@@ -176,16 +177,18 @@ def run_directly(  # noqa: PLR0913  each is needed by one tool or another
     change: Callable[[LoadedSite], LoadedSite] = lambda loaded: loaded,
     decision: Row | None = None,
     on_frame: Callable[[WireFrame], None] | None = None,
+    without_etcd: bool = False,
 ) -> Answer:
     """Run `work` with an own manager of a site file, and release everything at its end, Ctrl-C, SIGTERM and SIGHUP included.
 
     `is_recorded`: with the store of the site, so that presses are in its journal and an earlier lockout counts. `change` is made to
-    the loaded site, and `decision` of a person is on the disk before `work` begins. `on_frame` is as of `app.Faces`. Prints a sentence
-    and exits with 1 where that fails.
+    the loaded site, and `decision` of a person is on the disk before `work` begins. `on_frame` is as of `app.Faces`; `without_etcd` is
+    as of `active_machine_problem`. Prints a sentence and exits with 1 where that fails.
     """
     loaded = load_site_or_exit(site)
     if loaded.unusable:
         raise report_mistakes(MapFileError(loaded.unusable))
+    require_no_active_machine(loaded, without_etcd=without_etcd)
     try:
         loaded = change(loaded)
     except MapFileError as error:

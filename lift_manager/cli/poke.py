@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from lift_manager.api.lifts import PlannedWrites
+from lift_manager.cli.active_machine import WithoutEtcd
 from lift_manager.cli.common import duration_s, fail, print_lines, print_stderr
 from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.keyboard import read_typed
@@ -49,6 +50,7 @@ def poke(  # noqa: PLR0913  each is an option of the command line
     floor: Annotated[str, typer.Argument(metavar="FLOOR", help="With go_to, call and go.", show_default=False)] = "",
     *,
     site: SiteOption = None,
+    without_etcd: WithoutEtcd = False,
     hold_s: Annotated[
         float,
         typer.Option("--for", metavar="SECONDS", min=0, max=60, help="How long a door or robot mode is held."),
@@ -105,7 +107,7 @@ def poke(  # noqa: PLR0913  each is an option of the command line
     if " " in command and not floor:
         command, _, floor = command.partition(" ")
     unlock = _read_unlock(unlock_for, draft, by, reason, site)
-    route = _Route(connection, site, lift, unlock)
+    route = _Route(connection, site, lift, unlock, without_etcd)
     if not command:
         print_lines(command_lines(route.run(lambda client: client.commands(lift))))
         return
@@ -160,6 +162,7 @@ class _Route:
     site: Path | None
     lift: str
     unlock: Unlock | None = None
+    without_etcd: bool = False
 
     def run(self, work: Callable[[LiftManagerClient], Coroutine[Any, Any, Answer]], *, writes: bool = False) -> Answer:
         """Run `work`. Without `writes` an own manager writes nothing, not even a heartbeat."""
@@ -182,7 +185,14 @@ class _Route:
     ) -> Answer:
         may_command, unlock = ((self.lift,) if writes else ()), self.unlock
         if unlock is None:
-            return run_directly(site, work, name=OWN_NAME, may_command=may_command, is_recorded=writes)
+            return run_directly(
+                site,
+                work,
+                name=OWN_NAME,
+                may_command=may_command,
+                is_recorded=writes,
+                without_etcd=self.without_etcd,
+            )
 
         async def while_unlocked(client: LiftManagerClient) -> Answer:
             async with asyncio.timeout(unlock.for_s):
@@ -197,6 +207,7 @@ class _Route:
                 is_recorded=writes,
                 change=lambda loaded: with_draft(loaded, self.lift, unlock.draft),
                 decision=unlock.row(self.lift) if writes else None,
+                without_etcd=self.without_etcd,
             )
         except TimeoutError as error:
             raise fail(f"the unlock has ended after {unlock.for_s:g} s, and the trial with it") from error

@@ -16,9 +16,11 @@ import typer
 from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app as running
 from lift_manager.cli.common import (
+    Machine,
     SiteFile,
     fail,
     load_site_or_exit,
+    on_machine,
     open_store_or_exit,
     out,
     print_lines,
@@ -63,12 +65,6 @@ NO_WORKERS = (
     " of its own"
 )
 """Web servers offer `--workers`, so people try it."""
-
-
-Machine = Annotated[
-    str | None,
-    typer.Option(metavar="NAME", help="In a cluster: which machine this is, instead of the host name."),
-]
 
 
 class Run(Protocol):
@@ -122,7 +118,7 @@ def _serve_site(
     machine: str | None,
     stopped_early: Callable[[], bool],
 ) -> None:
-    loaded = as_served(load_site_or_exit(site, for_rmf=rmf))
+    loaded = as_served(on_machine(load_site_or_exit(site, for_rmf=rmf), machine))
     if loaded.unusable:
         raise report_mistakes(MapFileError(loaded.unusable))
     for obstacle in obstacles(loaded):
@@ -133,7 +129,7 @@ def _serve_site(
     settings = settings_of_site(loaded.site.rmf) if rmf else None
     hub = _hub_settings(loaded, updates)
     api = loaded.site.api
-    run_on = _run(loaded, machine)
+    run_on = _run(loaded)
     try:
         sock = listen(api.host, api.port if port is None else port)
     except ListenError as error:
@@ -143,20 +139,26 @@ def _serve_site(
         try:
             released = run(_serve(loaded, sock, run_on(sock), faces, stopped_early))
         except* DdsError as group:
-            raise report_join_failure(group.exceptions[0]) from group
+            raise report_join_failure(first_error(group)) from group
         except* (ControllerTaken, LockUnusable, ListenError, ClusterError) as group:
-            raise fail(str(group.exceptions[0])) from group
+            raise fail(str(first_error(group))) from group
     if not released:
         raise typer.Exit(1)
 
 
-def _run(loaded: LoadedSite, machine: str | None) -> Callable[[socket], Run]:
+def first_error(group: BaseExceptionGroup[Exception]) -> Exception:
+    """Return the first error itself: in a cluster, task groups are in each other."""
+    error = group.exceptions[0]
+    return first_error(error) if isinstance(error, BaseExceptionGroup) else error
+
+
+def _run(loaded: LoadedSite) -> Callable[[socket], Run]:
     """Open the store of a site, and return what runs its manager on a socket; or report why it cannot be opened, and exit with 1."""
     if loaded.site.cluster is not None:
         from lift_manager.cli.serve_in_cluster import this_machine  # noqa: PLC0415  loads what talks to etcd
         from lift_manager.takeover import run_in_cluster  # noqa: PLC0415
 
-        here = this_machine(loaded, machine)
+        here = this_machine(loaded)
         return lambda sock: partial(run_in_cluster, loaded, sock, here)
     committer = open_store_or_exit(loaded)
     return lambda sock: partial(running.run, loaded, sock, recorder=committer)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import socket
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 from lift_manager.commissioning.checkout.approval import Approval, find_approval
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
+from lift_manager.config.tls import path_of
 from lift_manager.lift.config import Checkout
 from lift_manager.store.errors import KeysUnusable, StoreUnusable
 from lift_manager.store.keys import keys_path, read_kept_keys
@@ -64,6 +66,7 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
 def cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield what people should know of a site at every start, a line each."""
     yield from loaded.cautions()
+    yield from _machine_cautions(loaded)
     yield from _hub_caution(loaded)
     held = _held(loaded)
     yield from _update_cautions(loaded, held)
@@ -71,6 +74,31 @@ def cautions(loaded: LoadedSite) -> Iterator[str]:
         if approval.problem:
             yield f"{lift}: robots may use it, and {approval.problem}; {_test_advice(loaded.path, lift)}"
         yield from (f"{lift}: {caution}" for caution in approval.cautions)
+
+
+def _machine_cautions(loaded: LoadedSite) -> Iterator[str]:
+    """Yield what should be known of this computer, if it is one of the machines of a cluster."""
+    if (cluster := loaded.site.cluster) is None or (cluster.machine or socket.gethostname()) not in cluster.machines:
+        return
+    from lift_manager.cluster.errors import ClusterUnusable  # noqa: PLC0415  a manager that is alone does not load these
+    from lift_manager.cluster.kept_packets import kept_packets_cautions  # noqa: PLC0415
+    from lift_manager.cluster.solo_file import SoloFile  # noqa: PLC0415
+
+    try:
+        solo = SoloFile(store_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)).read()
+    except StoreUnusable:
+        solo = None  # an obstacle, which is reported as such
+    except ClusterUnusable as error:
+        yield f"cluster: {error}"
+        solo = None
+    if solo is not None:
+        yield f"cluster: {solo.text}"
+    yield from kept_packets_cautions(controller.host for controller in loaded.controllers.values())
+    if cluster.packet_filter is not None and not path_of(loaded.path.parent, cluster.packet_filter).exists():
+        yield (
+            f"cluster: no packet filter listens at {cluster.packet_filter}, so this machine does not command the lifts; start"
+            " lift-manager-packet-filter"
+        )
 
 
 def _hub_caution(loaded: LoadedSite) -> Iterator[str]:

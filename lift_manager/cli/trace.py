@@ -14,6 +14,7 @@ import typer
 from rich.live import Live
 from rich.text import Text
 
+from lift_manager.cli.active_machine import WithoutEtcd
 from lift_manager.cli.common import (
     Floors,
     duration_s,
@@ -88,6 +89,7 @@ def record(  # noqa: PLR0913  each is an option of the command line
         ),
     ] = None,
     site: SiteOption = None,
+    without_etcd: WithoutEtcd = False,
     manager: Manager = MANAGER,
     key_file: KeyFile = None,
     ca: Ca = None,
@@ -111,7 +113,13 @@ def record(  # noqa: PLR0913  each is an option of the command line
                 connection.run(lambda client: recording.record(client, link))
             else:
                 own = _OwnFrames()
-                run_directly(site, lambda client: recording.record(client, link, own), name="trace", on_frame=own.put)
+                run_directly(
+                    site,
+                    lambda client: recording.record(client, link, own),
+                    name="trace",
+                    on_frame=own.put,
+                    without_etcd=without_etcd,
+                )
     except OSError as error:
         raise fail(f"{error.filename or output}: cannot be written: {error.strerror or error}") from error
     recorder = recording.recorder

@@ -16,6 +16,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from lift_manager.cli.active_machine import WithoutEtcd
 from lift_manager.cli.common import fail, out, print_lines
 from lift_manager.cli.connection import KeyFile, Manager, ManagerConnection
 from lift_manager.cli.own_manager import SiteOption, run_directly
@@ -56,6 +57,7 @@ def watch(  # noqa: PLR0913  each is an option of the command line
         typer.Option("--record", metavar="FILE.csv", help="Write a line for each change to a new file as well."),
     ] = None,
     site: SiteOption = None,
+    without_etcd: WithoutEtcd = False,
     manager: Manager = MANAGER,
     key_file: KeyFile = None,
     ca: Ca = None,
@@ -89,7 +91,7 @@ def watch(  # noqa: PLR0913  each is an option of the command line
             if site is None:
                 connection.run(work)
             else:
-                run_directly(site, work, name="watch")
+                run_directly(site, work, name="watch", without_etcd=without_etcd)
     except OSError as error:
         raise fail(
             f"{error.filename or record or 'the output'}: cannot be written: {error.strerror or error}"

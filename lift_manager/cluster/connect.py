@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import socket
-import ssl
 from pathlib import Path
 
+from lift_manager.cluster.certificates import EtcdCertificates, TlsFiles
 from lift_manager.cluster.errors import ClusterUnusable
 from lift_manager.cluster.etcd import Etcd
 from lift_manager.config.load import LoadedSite
@@ -31,17 +31,30 @@ def machine_of(cluster: Cluster) -> str:
     return name
 
 
-def etcd_of(cluster: Cluster, folder: Path, *, timeout_s: float) -> Etcd:
-    """Return a client for the members; `folder` is that of the site file. Raises ClusterUnusable."""
-    return Etcd(cluster.etcd, tls=_context(cluster, folder), timeout_s=timeout_s)
+def etcd_of(
+    cluster: Cluster, certificates: EtcdCertificates | None, *, timeout_s: float, connect_s: float | None = None
+) -> Etcd:
+    """Return a client for the members; the times are as in `Etcd`."""
+    tls = None if certificates is None else certificates.latest
+    return Etcd(cluster.etcd, tls=tls, timeout_s=timeout_s, connect_s=connect_s)
 
 
-def _context(cluster: Cluster, folder: Path) -> ssl.SSLContext | None:
+def members_of(cluster: Cluster, certificates: EtcdCertificates | None, *, timeout_s: float) -> list[Etcd]:
+    """Return a client for each member alone."""
+    return [
+        etcd_of(cluster.model_copy(update={"etcd": (member,)}), certificates, timeout_s=timeout_s)
+        for member in cluster.etcd
+    ]
+
+
+def other_than(cluster: Cluster, machine: str) -> str:
+    """Return the name of the other machine."""
+    return next(name for name in cluster.machines if name != machine)
+
+
+def certificates_of(cluster: Cluster, folder: Path) -> EtcdCertificates | None:
+    """Return the certificates for etcd; None without TLS. `folder` is that of the site file. Raises ClusterUnusable."""
     if (tls := cluster.tls) is None:
         return None
-    try:
-        context = ssl.create_default_context(cafile=path_of(folder, tls.ca))
-        context.load_cert_chain(path_of(folder, tls.certificate), path_of(folder, tls.key))
-    except OSError as error:
-        raise ClusterUnusable(f"the files of `cluster: tls` cannot be used ({error})") from error
-    return context
+    files = TlsFiles(path_of(folder, tls.ca), path_of(folder, tls.certificate), path_of(folder, tls.key))
+    return EtcdCertificates(cluster.etcd, files)

@@ -3,21 +3,23 @@
 | key | value |
 |---|---|
 | `active` | epoch, owner and address of the active manager |
-| `head` | number and id of the newest commit |
-| `records/LIFT` | the record of a lift, as the store on the disk has it |
+| `head` | number and id of the newest commit, and the version of its writer |
+| `records/LIFT` | the record of a lift, as the store on the disk has it, and the version of its writer |
 | `rows/NUMBER` | the rows of the journal of one commit, until both machines have them on the disk |
 | `copied/MACHINE` | the number of the newest commit that a machine has on the disk |
 | `removed` | the number of the newest commit whose rows were removed |
 | `handover` | a planned change of roles that was requested |
+| `solo` | the machine that goes on alone: while it is there, no standby takes `active` |
+| `joined` | the id of the newest such decision that has ended |
 """
 
 from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from lift_manager.cluster.errors import ClusterUnusable
@@ -28,6 +30,15 @@ from lift_manager.store.chain import StoredRow
 from lift_manager.store.record import decode, encode
 from lift_manager.store.sqlite import to_pending, to_stored
 from lift_manager.store.store import PendingRow
+
+Migration = Callable[[Any], Any]
+
+MIGRATIONS: tuple[Migration, ...] = ()
+"""Migration n turns the JSON of a record of version n + 1 into that of version n + 2. One machine is upgraded before the other, so a
+manager reads what older ones wrote; what a newer one wrote it refuses to read, and stands by."""
+
+VERSION = 1 + len(MIGRATIONS)
+"""The version of what this program writes to etcd."""
 
 
 class Place:
@@ -42,6 +53,8 @@ class Place:
         self.copied = f"{self._prefix}copied/"
         self.removed = f"{self._prefix}removed"
         self.handover = f"{self._prefix}handover"
+        self.solo = f"{self._prefix}solo"
+        self.joined = f"{self._prefix}joined"
 
     def rows_of(self, commit: int) -> str:
         """Return the key of the rows of a commit; keys sort as the numbers do."""
@@ -59,6 +72,8 @@ class Head:
     commit: int
     id: str
     """Different for each attempt, so that its writer recognizes it after a lost answer."""
+    version: int = VERSION
+    """Of what its writer writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +86,39 @@ class Handover:
     """Who requested it."""
     accepted_by: str = ""
     """The standby that is ready."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solo:
+    """The decision of a person that one machine goes on alone."""
+
+    id: str
+    """Different for each decision, so that etcd and the disk are known to mean the same one."""
+    machine: str
+    off: str
+    """The other machine, which is known to be off."""
+    by: str
+    """Who has decided it."""
+    since: str
+    """When, for people."""
+    epoch: int
+    """Higher than any that the other machine may have had."""
+    revision: int
+    """Of `active`, as it was known to a member of etcd then; 0 if none answered."""
+    commit: int
+    """The newest commit that this machine had on its disk then."""
+    contested: bool = False
+    """`active` has moved since, so that only etcd can let this machine go on."""
+
+    @property
+    def text(self) -> str:
+        """The decision in words."""
+        return f"{self.machine} goes on alone since {self.since}, as {self.by} has decided because {self.off} is off"
+
+
+def new_solo_id() -> str:
+    """Return the id of another decision."""
+    return secrets.token_hex(8)
 
 
 def next_head(commit: int) -> Head:
@@ -93,13 +141,14 @@ def decode_key(entries: Sequence[Entry]) -> Key:
 
 def encode_head(head: Head) -> bytes:
     """Return the value of `head`."""
-    return _dump({"commit": head.commit, "id": head.id})
+    return _dump({"commit": head.commit, "id": head.id, "version": head.version})
 
 
 def decode_head(entry: Entry) -> Head:
-    """Return the newest commit. Raises ClusterUnusable."""
+    """Return the newest commit. Raises ClusterUnusable, also for that of a newer version."""
     with _reading(entry) as value:
-        return Head(value["commit"], value["id"])
+        _require_readable(value["version"])
+        return Head(value["commit"], value["id"], value["version"])
 
 
 def encode_handover(handover: Handover) -> bytes:
@@ -113,6 +162,19 @@ def decode_handover(entries: Sequence[Entry]) -> Handover | None:
         return None
     with _reading(entries[0]) as value:
         return Handover(value["epoch"], value["by"], value["accepted_by"])
+
+
+def encode_solo(solo: Solo) -> bytes:
+    """Return the value of `solo`, and the content of the file on the disk of that machine."""
+    return _dump(asdict(solo))
+
+
+def decode_solo(entries: Sequence[Entry]) -> Solo | None:
+    """Return the decision that a machine goes on alone, if there is one. Raises ClusterUnusable."""
+    if not entries:
+        return None
+    with _reading(entries[0]) as value:
+        return Solo(**value)
 
 
 def encode_rows(rows: Iterable[PendingRow]) -> bytes:
@@ -131,15 +193,17 @@ def decode_rows(entry: Entry) -> list[PendingRow]:
 
 def encode_record(saved: SavedLift) -> bytes:
     """Return the record of a lift."""
-    return encode(saved).encode()
+    return f'{{"version":{VERSION},"saved":{encode(saved)}}}'.encode()
 
 
-def decode_record(entry: Entry) -> SavedLift:
-    """Return the record of a lift. Raises ClusterUnusable."""
-    try:
-        return decode(entry.value.decode())
-    except ValueError as error:
-        raise _unusable(entry, str(error)) from error
+def decode_record(entry: Entry, migrations: Sequence[Migration] = MIGRATIONS) -> SavedLift:
+    """Return the record of a lift, which an older version may have written. Raises ClusterUnusable, also for that of a newer one."""
+    with _reading(entry) as value:
+        version, saved = value["version"], value["saved"]
+        _require_readable(version, 1 + len(migrations))
+        for migrate in migrations[version - 1 :]:
+            saved = migrate(saved)
+        return decode(json.dumps(saved))
 
 
 def encode_number(number: int) -> bytes:
@@ -151,6 +215,14 @@ def decode_number(entry: Entry) -> int:
     """Return the number of a commit. Raises ClusterUnusable."""
     with _reading(entry) as value:
         return int(value)
+
+
+def _require_readable(version: int, newest: int = VERSION) -> None:
+    if version > newest:
+        raise ClusterUnusable(
+            f"what a newer version has written to etcd cannot be read by this one: it is version {version} there, and this manager reads up to"
+            f" {newest}; install the newer version on this machine too"
+        )
 
 
 def _dump(value: object) -> bytes:

@@ -5,6 +5,7 @@ ClusterError
         EtcdUnavailable     no member has answered in time; whether the request was or will be carried out is unknown
         EtcdRefused         a member refused the request, which changed nothing
     ClusterUnusable         what etcd holds for this site cannot be used; the message gives the remedy
+    FilterFailed            the packet filter of this machine could not be set up or changed
 """
 
 from __future__ import annotations
@@ -28,3 +29,7 @@ class EtcdRefused(EtcdError):
 
 class ClusterUnusable(ClusterError):
     """What etcd holds for this site cannot be used."""
+
+
+class FilterFailed(ClusterError):
+    """The packet filter of this machine could not be set up or changed."""

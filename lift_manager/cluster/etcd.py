@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ssl
 from base64 import b64decode, b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,11 +44,25 @@ class Result:
 class Etcd:
     """The members of one etcd cluster. Methods block; one thread at a time calls them."""
 
-    def __init__(self, members: Sequence[str], *, tls: ssl.SSLContext | None = None, timeout_s: float) -> None:
-        """`members` are the URLs of their client ports; one that is silent for `timeout_s` has not answered."""
+    def __init__(
+        self,
+        members: Sequence[str],
+        *,
+        tls: Callable[[], ssl.SSLContext] | None = None,
+        timeout_s: float,
+        connect_s: float | None = None,
+    ) -> None:
+        """`members` are the URLs of their client ports; one that is silent for `timeout_s` has not answered.
+
+        One that has not accepted a connection within `connect_s` is passed over; by default that is as long.
+
+        `tls` is called for each request; once it returns another context, new connections replace the present ones.
+        """
         self._members = list(members)
         self._tls = tls
-        self._timeout_s = timeout_s
+        self._context: ssl.SSLContext | None = None
+        """That of the present connections."""
+        self._timeout = httpx.Timeout(timeout_s, connect=connect_s or timeout_s)
         self._client: httpx.Client | None = None
 
     def transact(self, compare: Sequence[Json], then: Sequence[Json], otherwise: Sequence[Json] = ()) -> Result:
@@ -84,9 +98,11 @@ class Etcd:
         raise EtcdUnavailable(f"etcd cannot be reached at {', '.join(unreached)}")
 
     def _send(self, url: str, body: Json) -> httpx.Response:
+        if self._tls is not None and self._context is not (context := self._tls()):
+            self.close()
+            self._context = context
         if self._client is None:
-            verify = True if self._tls is None else self._tls
-            self._client = httpx.Client(verify=verify, timeout=self._timeout_s, trust_env=False)
+            self._client = httpx.Client(verify=self._context or True, timeout=self._timeout, trust_env=False)
         return self._client.post(url, json=body)
 
     def _answer(self, member: str, reply: httpx.Response) -> Json:
@@ -109,16 +125,21 @@ def put(key: str, value: bytes) -> Json:
     return {"request_put": {"key": _text(key), "value": _bytes(value)}}
 
 
-def read(key: str) -> Json:
-    """Read a key."""
-    return {"request_range": {"key": _text(key)}}
+def read(key: str, *, local: bool = False) -> Json:
+    """Read a key; `local` takes what the member itself has, which needs no majority and may be old."""
+    return {"request_range": {"key": _text(key), "serializable": local}}
 
 
-def read_all(prefix: str, *, after: str = "", limit: int = 0) -> Json:
+def read_all(prefix: str, *, after: str = "", limit: int = 0, local: bool = False) -> Json:
     """Read the keys that begin with a prefix in their order, those behind `after`, and no more than `limit`."""
     first = f"{after}\0" if after else prefix
-    request: Json = {"key": _text(first), "range_end": _end(prefix)}
+    request: Json = {"key": _text(first), "range_end": _end(prefix), "serializable": local}
     return {"request_range": request | ({"limit": limit} if limit else {})}
+
+
+def remove(key: str) -> Json:
+    """Remove a key."""
+    return {"request_delete_range": {"key": _text(key)}}
 
 
 def remove_all(prefix: str) -> Json:

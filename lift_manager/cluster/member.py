@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 from asyncio import Future
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -17,12 +17,14 @@ from lift_manager.cluster.content import (
     Handover,
     Place,
     decode_handover,
+    decode_head,
     decode_key,
+    decode_solo,
     encode_handover,
     encode_key,
 )
-from lift_manager.cluster.errors import ClusterError
-from lift_manager.cluster.etcd import Etcd, Result, has_revision, has_value, put, read
+from lift_manager.cluster.errors import ClusterError, ClusterUnusable
+from lift_manager.cluster.etcd import Entry, Etcd, Result, has_revision, has_value, put, read
 from lift_manager.cluster.term import (
     HIGHEST_EPOCH,
     Answered,
@@ -48,13 +50,16 @@ SILENCE_S = 3.0
 class ActiveTerm:
     """A term in which this machine is active, for those who may write only while it lasts."""
 
-    def __init__(self, key: Key, clock: Callable[[], float]) -> None:
-        """`key` is what etcd has for the epoch of the term."""
+    def __init__(self, key: Key, clock: Callable[[], float], *, alone: str = "") -> None:
+        """`key` is what etcd has for the epoch of the term; `alone` says in words that this machine goes on without it."""
         self.key = key
+        self.alone = alone
         self.ends = asyncio.Event()
         """OPEN is to be withdrawn and everything released; or all of it is over already."""
         self.releases = asyncio.Event()
         """Everything is to be released now, whoever is in a doorway."""
+        self.prepare: Mapping[str, Callable[[], Awaitable[None]]] = {}
+        """What is to be done before the first connection to a controller in this term, by its name."""
         self.handed_over_by = ""
         """Who has requested that the other machine takes over; then the term is over, and all is left as it is for that one."""
         self.over = asyncio.Event()
@@ -68,6 +73,11 @@ class ActiveTerm:
     def remaining_s(self) -> float:
         """For how long this machine may still write; 0 or less once the term is over."""
         return 0.0 if self.over.is_set() else self._until - self._clock()
+
+    @property
+    def until(self) -> float:
+        """When the term ends on CLOCK_BOOTTIME, if no renewal is applied until then."""
+        return self._until
 
     @property
     def clear_s(self) -> float:
@@ -129,6 +139,7 @@ class Member:
         self._worker: Jobs | None = None
         self._answered_at = clock()
         self._trouble = ""
+        self._bar = ""
 
     @property
     def key(self) -> Key | None:
@@ -140,6 +151,8 @@ class Member:
         """Why this machine could not take over now; empty while it could."""
         if self._term.key is not None and self._term.key.revision == 0:
             return "etcd holds nothing for this site yet; `lift-manager cluster init` begins it"
+        if self._bar:
+            return self._bar
         silent_s = self._clock() - self._answered_at
         return self._trouble if self._trouble and silent_s > SILENCE_S else ""
 
@@ -191,7 +204,8 @@ class Member:
         left = None if self.active is None else self.active.key.epoch
         self.active = None
         self._taken.clear()
-        self._term = Term(left=left)
+        before = self._term
+        self._term = Term(left=left, answered_at=before.answered_at, answering_since=before.answering_since)
         self._wake.set()
 
     def _take(self, happened: Input) -> tuple[Order, ...]:
@@ -217,12 +231,15 @@ class Member:
         sent_at = self._clock()
         self._term, _ = step(self._term, Sent(sent_at))
         known = self._term.key or Key(0)
-        looks = [read(self._place.active), read(self._place.handover)]
+        place = self._place
+        looks = [read(key) for key in (place.active, place.handover, place.solo, place.head)]
         if order is Order.LOOK:
             key, job = known, worker.submit(partial(self._etcd.transact, [], looks))
         else:
             key = self._next_key(known) if order is Order.TAKE else known
             compare = [has_revision(self._place.active, known.revision)]
+            if order is Order.TAKE:
+                compare.append(has_revision(self._place.solo, 0))
             writes = [put(self._place.active, encode_key(key)), *looks]
             job = worker.submit(partial(self._etcd.transact, compare, writes, looks))
         job.add_done_callback(partial(self._on_answer, order, sent_at, key))
@@ -238,15 +255,17 @@ class Member:
             return
         try:
             result = job.result()
-            found, handover = decode_key(result.ranges[0]), decode_handover(result.ranges[1])
+            active, requested, solo, head = result.ranges
+            found, handover = decode_key(active), decode_handover(requested)
         except ClusterError as error:
             self._trouble = str(error)
             self._take(Unanswered(sent_at, self._clock()))
             return
         self._answered_at, self._trouble = self._clock(), ""
+        self._bar = _bar(solo, head)
         is_applied = order is not Order.LOOK and result.succeeded
         was_standby = self._term.role is Role.STANDBY
-        self._take(Answered(order, sent_at, self._clock(), found, is_applied))
+        self._take(Answered(order, sent_at, self._clock(), found, is_applied, bool(self._bar)))
         if was_standby and self._term.role is not Role.STANDBY:
             self._begin(key)
         elif self.active is not None:
@@ -263,20 +282,37 @@ class Member:
         self._taken.set()
 
     def _take_handover(self, handover: Handover, key: Key) -> None:
-        """Accept a handover as the standby; once it is accepted, write nothing any more as the active."""
+        """Accept a handover as the standby, once it could take over; as the active, write nothing any more once it is accepted."""
         if self.active is not None:
             if handover.accepted_by and handover.epoch == self.active.key.epoch and not self.active.over.is_set():
                 _log.warning("cluster: %s has requested that %s takes over", handover.by, handover.accepted_by)
                 self.active.handed_over_by = handover.by
                 self.leave()
                 self.active.end()
-        elif key.owner and handover.epoch == key.epoch and not handover.accepted_by and self._worker is not None:
+        elif (
+            key.owner
+            and handover.epoch == key.epoch
+            and not handover.accepted_by
+            and self._worker is not None
+            and self._clock() >= self._term.ready_at
+        ):
             compare = [has_value(self._place.handover, encode_handover(handover))]
             accepted = replace(handover, accepted_by=self.name)
             job = self._worker.submit(
                 partial(self._etcd.transact, compare, [put(self._place.handover, encode_handover(accepted))])
             )
             job.add_done_callback(_log_failure)
+
+
+def _bar(solo: Sequence[Entry], head: Sequence[Entry]) -> str:
+    """Return in words why the key must not be taken, whatever becomes of it; empty if it may be."""
+    try:
+        decided = decode_solo(solo)
+        if head:
+            decode_head(head[0])
+    except ClusterUnusable as error:
+        return str(error)
+    return "" if decided is None else f"{decided.text}; `lift-manager cluster join` on {decided.machine} ends that"
 
 
 def _log_failure(job: Future[Result]) -> None:

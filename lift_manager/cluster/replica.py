@@ -41,7 +41,9 @@ class CopyStep(NamedTuple):
 class Replica:
     """The copy on this machine. Methods block; one thread at a time calls them."""
 
-    def __init__(self, machine: str, etcd: Etcd, place: Place, store: Store) -> None:
+    def __init__(self, machine: str, etcd: Etcd, place: Place, store: Store, *, local: bool = False) -> None:
+        """`local` copies what one member itself has, while there is no majority, and reports nothing to it."""
+        self._local = local
         self._key = place.copied + machine
         self._etcd = etcd
         self._place = place
@@ -55,15 +57,16 @@ class Replica:
 
     def step(self, now: int) -> CopyStep:
         """Copy the next commits, and the records once their rows are copied. Raises ClusterError and CommitFailed."""
+        place, local = self._place, self._local
         if (upto := self._copied) is None:
-            (found,) = self._etcd.transact([], [read(self._key)]).ranges
-            upto = decode_number(found[0]) if found else 0
-        place = self._place
+            (found,) = self._etcd.transact([], [read(self._key, local=local)]).ranges
+            # an empty disk is a new one, whatever an earlier one of this machine had
+            upto = decode_number(found[0]) if found and self._store.tail(1) else 0
         reads = [
-            read(place.head),
-            read(place.removed),
-            read_all(place.rows, after=place.rows_of(upto), limit=COMMITS_AT_ONCE),
-            read_all(place.records),
+            read(place.head, local=local),
+            read(place.removed, local=local),
+            read_all(place.rows, after=place.rows_of(upto), limit=COMMITS_AT_ONCE, local=local),
+            read_all(place.records, local=local),
         ]
         head, removed, commits, records = self._etcd.transact([], reads).ranges
         rows = [row for entry in commits for row in decode_rows(entry)]
@@ -81,7 +84,7 @@ class Replica:
         self._records |= {entry.key: entry.revision for entry in changed}
         while needs_upkeep:
             needs_upkeep = self._store.do_upkeep(now, check=False).more
-        if newest != self._reported:
+        if newest != self._reported and not local:
             self._etcd.transact([], [put(self._key, encode_number(newest))])
             self._reported = newest
         return CopyStep(len(rows), more)

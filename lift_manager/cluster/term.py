@@ -20,6 +20,13 @@ TERM_S = 2.0
 UNCHANGED_S = 2.5
 """How long a standby knows the key unchanged before it takes it. Issue 22: more than `TERM_S` on clocks whose rates differ by 10 %."""
 
+SILENT_S = 2.5
+"""After so long without an answer etcd counts as having been silent. Chosen: longer than the election of a leader."""
+
+ANSWERING_S = 5.0
+"""How long etcd answers a standby again before that takes the key: a machine that went on alone meanwhile needs the time to write there that
+it did (`solo.py`). Chosen: a term, and five requests of that machine that are lost."""
+
 ANSWER_S = 0.5
 """How long an answer of etcd is waited for. Chosen: a commit takes 5 ms, and a term has room for four members that do not answer."""
 
@@ -106,6 +113,8 @@ class Answered:
     """The key after it."""
     is_applied: bool
     """Whether the key is what the request made of it; a look applies nothing."""
+    is_barred: bool = False
+    """Whether the key must not be taken: a machine goes on alone, or what etcd holds cannot be read by this version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +144,12 @@ class Term:
     """As it was seen last; None before the first answer."""
     known_at: float = -math.inf
     """When the first answer came that showed this revision."""
+    answered_at: float = -math.inf
+    """When the newest answer came."""
+    answering_since: float = -math.inf
+    """When the first answer came since etcd was silent last."""
+    is_barred: bool = False
+    """Whether the newest answer has barred the key."""
     until: float = -math.inf
     """The end of the term; nothing may be written from then on."""
     sent_at: float | None = None
@@ -169,10 +184,15 @@ class Term:
     @property
     def takes_at(self) -> float:
         """When the key may be taken, if it does not change until then."""
-        if self.key is None or self.key.revision == 0:
+        if self.key is None or self.key.revision == 0 or self.is_barred:
             return math.inf
         is_free = not self.key.owner and self.key.epoch != self.left
-        return max(self.known_at + (0.0 if is_free else UNCHANGED_S), self.pauses_until)
+        return max(self.ready_at, self.known_at + (0.0 if is_free else UNCHANGED_S))
+
+    @property
+    def ready_at(self) -> float:
+        """When a standby could take the key if its owner gave it up; before that it accepts no handover."""
+        return math.inf if self.is_barred else max(self.answering_since + ANSWERING_S, self.pauses_until)
 
     @property
     def wake_at(self) -> float:
@@ -238,6 +258,9 @@ def _request(term: Term, at: float) -> tuple[Order, ...]:
 def _take_answer(term: Term, answer: Answered) -> tuple[Term, tuple[Order, ...]]:
     before = term.key
     known_at = answer.at if before is None or before.revision != answer.key.revision else term.known_at
+    was_silent = answer.at - term.answered_at > SILENT_S
+    since = answer.at if was_silent else term.answering_since
+    term = replace(term, answered_at=answer.at, answering_since=since, is_barred=answer.is_barred)
     if term.role is Role.STANDBY:
         taken = answer.order is Order.TAKE and answer.is_applied
         term = replace(_end_request(term, answer.at, is_renewal=taken), key=answer.key, known_at=known_at)

@@ -148,7 +148,7 @@ async def _plan_connection(codec: Codec, test_bench: Bench) -> PlanSection:
 
 async def _plan_cyclic(codec: Codec, test_bench: Bench) -> PlanSection:
     """Run the outputs without requests until everything cyclic was written twice."""
-    outputs = Outputs(codec.commands, codec.written)
+    outputs = Outputs(codec.commands, codec.written, codec.arbitration)
     by_interval: dict[str, list[PlannedRequest]] = {}
     now = 0.0
     for _ in range(_MAX_WRITES):
@@ -207,7 +207,7 @@ def _bytes(group: RequestGroup) -> tuple[str, ...]:
 
 async def _plan_command(codec: Codec, command: CommandCodec, code: int, test_bench: Bench) -> list[RequestGroup]:
     """Press, repeat once and release, as the driver does with a device that always obeys."""
-    outputs = Outputs(codec.commands, codec.written)
+    outputs = Outputs(codec.commands, codec.written, codec.arbitration)
     outputs.press(command.name, code, 0.0)
     written: list[RequestGroup] = []
     now, is_repeated, is_released = 0.0, False, False

@@ -231,3 +231,5 @@ def _blocks(codec: Codec) -> Iterator[str]:
         cycle = "" if every_s is None else f", every {every_s:g} s whether or not anything is requested"
         where = wording.wire(Point(block.table, block.start, 0, 16, block.endpoint), block.count)
         yield f"{where}: always written as a whole with FC{function:02}{cycle}"
+    if carried := wording.arbitration(codec):
+        yield f"each write carries {carried}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 
-from register_maps.codec import CommandCodec, Point, SignalCodec
+from register_maps.codec import Codec, CommandCodec, Point, SignalCodec
 from register_maps.command_codec import payload_counts
 from register_maps.schema import Command, Kind, Signal
 from register_maps.words import BIT_TABLES, READ_FUNCTION, Table
@@ -80,6 +80,14 @@ def runs(points: Sequence[Point]) -> Iterator[tuple[int, int]]:
 def in_word_order(signal: SignalCodec, spec: Signal) -> tuple[Point, ...]:
     """Return the points of a signal with the lower address of a 32-bit number first."""
     return tuple(sorted(signal.points)) if spec.is_wide else signal.points
+
+
+def arbitration(codec: Codec) -> str:
+    """Describe what each write carries where the controller decides whom it obeys; empty for every other."""
+    if (found := codec.arbitration) is None:
+        return ""
+    owner, epoch = (wire(min(points), len(points)) for points in (found.owner, found.epoch))
+    return f"{owner}: the number of the machine, and {epoch}: the epoch of its term; the controller obeys the highest epoch so far"
 
 
 def functions(numbers: Sequence[int]) -> str:

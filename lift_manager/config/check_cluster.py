@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
+from enum import StrEnum, unique
 from ipaddress import ip_address
+from pathlib import Path
+from shutil import which
 from urllib.parse import urlsplit
 
+from lift_manager.config.devices import devices
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Cluster, Site
 from register_maps.schema import RegisterMap
@@ -32,17 +37,70 @@ def check_cluster(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[Probl
     if len(site.lifts) > MOST_LIFTS:
         message = f"serves {MOST_LIFTS} lifts at most, and there are {len(site.lifts)}; divide the controllers between two sites"
         yield Problem(key, message)
-    for lift in cluster.accept_latching.keys() - site.lifts.keys():
-        yield Problem((*key, "accept_latching", lift), f"there is no such lift; the lifts are {', '.join(site.lifts)}")
+    yield from _check_names(key, site, cluster)
     for name, source in maps.items():
         latching = [command for command, spec in source.commands.items() if spec.on_link_loss == "latches"]
-        if site.lifts[name].access == "control" and latching and name not in cluster.accept_latching:
+        is_closed = fence_of(site, name, source) in CLOSED or name in cluster.accept_latching
+        if site.lifts[name].access == "control" and latching and not is_closed:
             message = (
                 f"{', '.join(latching)} of {source.name} stay on until something lets them go, and a write of a manager that was just"
-                " replaced may still arrive, which the controller cannot tell from one of its successor; say why that is acceptable"
-                f" here with `cluster: {{accept_latching: {{{name}: ...}}}}`, or use `access: monitor`"
+                " replaced may still arrive, which the controller cannot tell from one of its successor; close the way to it with"
+                f" `cluster: {{fence: {{{site.lifts[name].controller}: ...}}}}`, say why that is acceptable here with `cluster:"
+                f" {{accept_latching: {{{name}: ...}}}}`, or use `access: monitor`"
             )
             yield Problem(("lifts", name, "access"), message)
+
+
+def _check_names(key: Key, site: Site, cluster: Cluster) -> Iterator[Problem]:
+    for controller in cluster.fence.keys() - site.controllers.keys():
+        message = f"there is no such controller; the controllers are {', '.join(site.controllers)}"
+        yield Problem((*key, "fence", controller), message)
+    for name, device in site.controllers.items():
+        if cluster.packet_filter is not None and not _is_address(device.host):
+            message = "is a name, and the packet filter of the cluster goes by addresses: write the address"
+            yield Problem(("controllers", name, "host"), message)
+    for lift in cluster.accept_latching.keys() - site.lifts.keys():
+        yield Problem((*key, "accept_latching", lift), f"there is no such lift; the lifts are {', '.join(site.lifts)}")
+
+
+@unique
+class Kept(StrEnum):
+    """What keeps a late write of a manager that was just replaced from a lift: the first that applies."""
+
+    BY_CONTROLLER = "the controller itself, which obeys the manager of the highest epoch"
+    BY_COMMAND = "a command of the site, which closes the way of the other machine"
+    BY_FILTER = "the packet filter of its machine, unless it has left that already"
+    BY_ACCEPTANCE = "nothing, which was accepted"
+    BY_NOTHING = "nothing"
+
+
+CLOSED = (Kept.BY_CONTROLLER, Kept.BY_COMMAND)
+"""These leave nothing open."""
+
+
+def fence_of(site: Site, name: str, source: RegisterMap) -> Kept:
+    """Return what keeps late writes from a lift that is commanded in a cluster."""
+    cluster, lift = site.cluster, site.lifts[name]
+    if cluster is None:
+        raise ValueError(f"{site.name} has no cluster")
+    if source.arbitration is not None:
+        return Kept.BY_CONTROLLER
+    placed = devices(site, lift, source)
+    written = {source.place(text).endpoint for command in source.commands.values() for text in command.addresses}
+    if {placed[endpoint].controller for endpoint in written if endpoint in placed} <= cluster.fence.keys():
+        return Kept.BY_COMMAND
+    if cluster.packet_filter is not None:
+        return Kept.BY_FILTER
+    return Kept.BY_ACCEPTANCE if name in cluster.accept_latching else Kept.BY_NOTHING
+
+
+def fence_lines(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[str]:
+    """Yield a line for each lift that is commanded in a cluster: what keeps late writes from it."""
+    if site.cluster is None:
+        return
+    for name, source in maps.items():
+        if site.lifts[name].access == "control":
+            yield f"{name}: a late write of a manager that was just replaced is kept away by {fence_of(site, name, source)}"
 
 
 def _check_tls(key: Key, cluster: Cluster) -> Iterator[Problem]:
@@ -71,15 +129,19 @@ def _etcd_cautions(cluster: Cluster) -> Iterator[str]:
 
 
 def _has_address(host: str) -> bool:
+    return host == "localhost" or _is_address(host)
+
+
+def _is_address(host: str) -> bool:
     try:
         ip_address(host)
     except ValueError:
-        return host == "localhost"
+        return False
     return True
 
 
-def cluster_cautions(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[str]:
-    """Yield what people should know of a cluster, a line each."""
+def cluster_cautions(site: Site, maps: Mapping[str, RegisterMap], folder: Path) -> Iterator[str]:
+    """Yield what people should know of a cluster, a line each; `folder` is that of the site file."""
     if (cluster := site.cluster) is None:
         return
     yield from _etcd_cautions(cluster)
@@ -89,9 +151,16 @@ def cluster_cautions(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[st
             yield f"cluster: the site file does not say on which {what} each machine is; if it is one, both are lost with it"
         elif len(set(names)) < len(names):
             yield f"cluster: both machines are on the {what} {names[0]}, and are lost with it"
+    for controller, fence in cluster.fence.items():
+        # with a folder in it, a name is looked for from where the command runs
+        program = str(folder / fence.command[0]) if os.sep in fence.command[0] else fence.command[0]
+        if which(program) is None:
+            yield f"{controller}: {fence.command[0]}, which closes its fence, is no program on this computer: without it its lifts stay offline"
+    kept = {name: fence_of(site, name, source) for name, source in maps.items() if site.lifts[name].access == "control"}
     for lift, reason in cluster.accept_latching.items():
-        yield f"{lift}: a write of a manager that was just replaced may put an output on for good; accepted: {reason}"
-    watched = [name for name in maps if site.lifts[name].access == "control" and name not in cluster.accept_latching]
+        if lift in kept and kept[lift] not in CLOSED:
+            yield f"{lift}: a write of a manager that was just replaced may put an output on for good; accepted: {reason}"
+    watched = [name for name, by in kept.items() if by not in CLOSED and name not in cluster.accept_latching]
     if watched:
         yield (
             f"{', '.join(watched)}: a write of a manager that was just replaced may still arrive; what it puts on, the controller"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lift_manager.config.announcements import announcement_cautions, find_announcements
 from lift_manager.config.check import check_site
-from lift_manager.config.check_cluster import cluster_cautions
+from lift_manager.config.check_cluster import cluster_cautions, fence_lines
 from lift_manager.config.check_floors import unused_codes
 from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.devices import POLL_RIDDEN_S, POLL_S, Device, devices, least_poll_s, links
@@ -120,7 +120,7 @@ class LoadedSite:
         yield from tls_cautions(self.site, self.path.parent)
         if self._announcements_folder is not None:
             yield from announcement_cautions(self._announcements_folder)
-        yield from cluster_cautions(self.site, {name: loaded.map for name, loaded in self.maps.items()})
+        yield from cluster_cautions(self.site, self._plain_maps, self.path.parent)
         for unused in self.site.controllers.keys() - self.controllers.keys():
             yield f"{unused}: no lift is on this controller; it is left alone"
         for name, controller in self.site.controllers.items():
@@ -142,6 +142,14 @@ class LoadedSite:
             return find_announcements(self._announcements_folder)
         except OSError:
             return {}
+
+    @property
+    def _plain_maps(self) -> dict[str, RegisterMap]:
+        return {name: loaded.map for name, loaded in self.maps.items()}
+
+    def fence_lines(self) -> Iterator[str]:
+        """Yield what keeps late writes from each lift of a cluster."""
+        yield from fence_lines(self.site, self._plain_maps)
 
     @property
     def _announcements_folder(self) -> Path | None:
@@ -231,6 +239,7 @@ def check_file(
         raise MapFileError(blocking)
     lines = [f"caution: {line}" for line in cautions(loaded_site)]
     lines += tls_lines(loaded_site.site, path.parent)
+    lines += loaded_site.fence_lines()
     if verbose:
         lines += _assumed_of_lifts(loaded_site)
     for name, lift in loaded_site.site.lifts.items():

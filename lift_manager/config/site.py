@@ -453,6 +453,23 @@ class ClusterTls(_Part):
     key: FileName
 
 
+Argument = Annotated[
+    str,
+    StringConstraints(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f\x7f]+$"),
+    Field(description="a program or one of its arguments: 1 to 1000 characters, none of them a control character"),
+]
+
+
+class Fence(_Part):
+    """How a site keeps the other machine away from a controller."""
+
+    command: Annotated[tuple[Argument, ...], Field(min_length=1)]
+    """A program and its arguments, run by the machine that takes over, before it connects; it ends with 0 once the way of the other
+    machine to the controller is closed. It runs in the folder of the site file."""
+    within_s: Annotated[float, Field(gt=0, le=60)] = 5.0
+    """How long it may take; then it is killed, and tried again."""
+
+
 class Cluster(_Part):
     """Two managers of which one is active."""
 
@@ -464,6 +481,16 @@ class Cluster(_Part):
     """The client URLs of its members."""
     tls: ClusterTls | None = None
     """Needed for https."""
+
+    fence: dict[Text, Fence] = Field(default_factory=dict)
+    """By controller; without one, a write of a manager that was just replaced may still arrive there."""
+    packet_filter: FileName | None = None
+    """The socket of the packet filter that runs on each machine, and lets only a manager with a term reach the controllers."""
+
+    def number_of(self, machine: str) -> int:
+        """Return the number by which controllers that arbitrate know a machine: 1 for the first one here."""
+        return list(self.machines).index(machine) + 1
+
     accept_latching: dict[Text, Text] = Field(default_factory=dict)
     """Why it is acceptable, by lift, that a write of a manager that was just replaced puts an output on that stays on."""
 

@@ -67,7 +67,7 @@ def tls_cautions(site: Site, folder: Path, now: datetime | None = None) -> Itera
             yield f"{name}: port {SECURE_PORT} is that of Modbus/TCP Security, but there is no `tls`: a controller that speaks it there hangs up"
     for pair in _tls_files(site, folder):
         for path in (pair.certificate, pair.ca):
-            for certificate in () if path is None else _certificates(path):
+            for certificate in () if path is None else certificates_in(path):
                 if (expiry := _expiry_text(certificate, now)) is not None:
                     yield f"{pair.owner}: certificate {path} {expiry}"
         if _is_world_readable(pair.private):
@@ -77,7 +77,7 @@ def tls_cautions(site: Site, folder: Path, now: datetime | None = None) -> Itera
 def tls_lines(site: Site, folder: Path) -> Iterator[str]:
     """Yield a line about each certificate of the manager."""
     for pair in _tls_files(site, folder):
-        for certificate in _certificates(pair.certificate)[:1]:
+        for certificate in certificates_in(pair.certificate)[:1]:
             until = f"{certificate.not_valid_after_utc:%Y-%m-%d}"
             if pair.key[0] == "api":
                 names = ", ".join(_subject_names(certificate)) or "nothing"
@@ -128,7 +128,7 @@ def _read_file(path: Path) -> bytes:
 def _certificate_problem(path: Path) -> str | None:
     if (problem := _read_problem(path)) is not None:
         return problem
-    return None if _certificates(path) else f"holds no certificate that can be read; {_PEM_ADVICE}"
+    return None if certificates_in(path) else f"holds no certificate that can be read; {_PEM_ADVICE}"
 
 
 def _key_problem(path: Path) -> str | None:
@@ -159,7 +159,7 @@ def _pair_problem(pair: _TlsFiles) -> str | None:
     return None
 
 
-def _certificates(path: Path) -> list[x509.Certificate]:
+def certificates_in(path: Path) -> list[x509.Certificate]:
     """Return the certificates in a file; none if it cannot be read."""
     try:
         return x509.load_pem_x509_certificates(_read_file(path))

@@ -12,6 +12,9 @@ from lift_manager.api.roles import AccessLevel, LiftIn, Route
 from lift_manager.hub.messages import RemoteLift, RemoteRide
 from lift_manager.hub.remote_site import SiteState
 from lift_manager.hub.rows import StoredEvent
+from lift_manager.hub.update.desk import SiteUpdate
+from lift_manager.hub.update.messages import Phase
+from lift_manager.hub.update.rollout import Progress
 
 _GET, _POST, _FILE = ("GET",), ("POST",), ("GET", "HEAD")
 _SITE = "/api/v1/sites/{site}"
@@ -35,6 +38,7 @@ ROUTES: tuple[Route, ...] = (
     Route(_GET, "/api/v1/events", AccessLevel.READ),
     Route(_GET, _SITE, AccessLevel.READ),
     Route(_GET, f"{_SITE}/events", AccessLevel.READ),
+    Route(_GET, f"{_SITE}/update", AccessLevel.READ),
     Route(_POST, f"{_SITE}/off", AccessLevel.OPERATE),
     Route(_POST, f"{_SITE}/on", AccessLevel.OPERATE),
     Route(_POST, f"{_SITE}/tickets", AccessLevel.COMMAND, LiftIn.BODY),
@@ -158,6 +162,60 @@ class SiteEventsAnswer(Answer):
 
     site: str
     events: tuple[SiteEvent, ...]
+
+
+class FailedUpdate(Answer):
+    """An update that a site has refused, or has gone back from."""
+
+    number: int
+    what: Literal["refused", "rolled back"]
+    why: str
+
+
+class SiteRollout(Answer):
+    """The newest roll-out of an update, as far as it concerns one site."""
+
+    number: int = Field(description="Of the update.")
+    progress: Progress = Field(description="How far the site is with it.")
+    is_canary: bool = Field(description="Whether the site has it first.")
+    stopped: str = Field(description="Why it is offered to no further site; empty while it is under way.")
+
+
+class SiteUpdateAnswer(Answer):
+    """How a site stands with configuration updates, as it has reported last."""
+
+    site: str
+    reported_age_s: Seconds | None = Field(
+        description="How long ago it reported, on the clock of the hub; null if it has not since the hub was started."
+    )
+    installed: int | None = Field(
+        description="The number of the update by which it runs; 0 for none, null if it has never reported."
+    )
+    phase: Phase | None = Field(description="What it does with updates at the moment; null if it has never reported.")
+    text: str = Field(description="What it waits for, or what it lacks.")
+    failed: FailedUpdate | None = Field(description="The newest update that came to nothing; null for none.")
+    rollout: SiteRollout | None = Field(description="The newest roll-out; null if it is not for this site.")
+
+    @classmethod
+    def of(cls, site: str, found: SiteUpdate, now: float) -> SiteUpdateAnswer:
+        """Return how a site stands at a moment, in monotonic seconds of the hub."""
+        report, rollout, progress = found.status.report, found.rollout, found.progress
+        failed = None if report is None else report.failed
+        shown = None
+        if rollout is not None and progress is not None:
+            stopped = "" if rollout.stopped is None else f"{rollout.stopped.by}: {rollout.stopped.why}"
+            shown = SiteRollout(
+                number=rollout.number, progress=progress, is_canary=site in rollout.canaries, stopped=stopped
+            )
+        return cls(
+            site=site,
+            reported_age_s=None if found.status.at is None else now - found.status.at,
+            installed=None if report is None else report.installed,
+            phase=None if report is None else report.phase,
+            text="" if report is None else report.text,
+            failed=None if failed is None else FailedUpdate(number=failed.number, what=failed.what, why=failed.why),
+            rollout=shown,
+        )
 
 
 class SwitchOffRequest(RequestModel):

@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import ssl
 from contextlib import suppress
 from importlib import import_module
-from ssl import SSLContext
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lift_manager.hub.errors import HubSilent, NatsMissing
@@ -42,6 +43,25 @@ def raise_if_cancelled() -> None:
         raise asyncio.CancelledError
 
 
+def client_context(ca: Path | None) -> ssl.SSLContext:
+    """Return what TLS connections to NATS servers need: these trust a CA, or those of the system. Raises OSError."""
+    context = ssl.create_default_context(cafile=ca)
+    context.sslobject_class = _EndsAtOnce
+    return context
+
+
+class _EndsAtOnce(ssl.SSLObject):
+    """The TLS of a connection that ends without the consent of its server.
+
+    nats-py (2.16) connects to another server once the connection to the one before is closed, and asyncio gives a server that hangs 30 s
+    for that.
+    """
+
+    def unwrap(self) -> None:
+        with suppress(ssl.SSLWantReadError):
+            super().unwrap()
+
+
 class Connection:
     """One connection to a NATS server, or to one of a cluster, made again for as long as it lasts.
 
@@ -49,7 +69,7 @@ class Connection:
     """
 
     def __init__(
-        self, owner: str, servers: tuple[str, ...], user: str, password: str, tls: SSLContext | None = None
+        self, owner: str, servers: tuple[str, ...], user: str, password: str, tls: ssl.SSLContext | None = None
     ) -> None:
         """`owner` is what the log names; `servers` are URLs without credentials. Without `tls`, a tls:// URL trusts the CAs of the system."""
         self._owner, self._servers = owner, servers

@@ -25,18 +25,62 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+)
+from pydantic_core import PydanticCustomError
 
 from drivers.own_files import is_shared, open_own, read_own, replace_file
 from lift_manager.api.fields import first_mistake
 from lift_manager.config.site import HUB_SITE_ID, Host, Port
+from lift_manager.config.tls import certificates_in
 from lift_manager.hub import subjects
+from lift_manager.hub.connection import client_context
 from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.nkey import Nkey, make_nkey
 
+_ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s/@:\[\]]+)(?::(\d{1,5}))?")
+
+
+def _require_brackets(address: str) -> None:
+    """Refuse an IPv6 address of which nobody knows where it ends and its port begins."""
+    if address.count(":") > 1 and not address.startswith("["):
+        message = "{address}: an IPv6 address needs brackets, such as [2001:db8::5] or [2001:db8::5]:7422"
+        raise PydanticCustomError("address", message, {"address": address})
+
+
+def _address(text: str) -> str:
+    _require_brackets(text)
+    found = _ADDRESS.fullmatch(text)
+    if found is None or not 0 < int(found[2] or 1) < 65536:
+        message = "{address} is no name or address, with or without a port, such as hub.example or 192.0.2.5:7422"
+        raise PydanticCustomError("address", message, {"address": repr(text)})
+    return text
+
+
+def _server_url(url: str) -> str:
+    _require_brackets(url.partition("://")[2])
+    return url
+
+
+def _several(given: object) -> object:
+    return (given,) if isinstance(given, str) else given
+
+
 SiteId = Annotated[str, StringConstraints(pattern=HUB_SITE_ID)]
-ServerUrl = Annotated[str, StringConstraints(pattern=r"^(nats|tls)://[^/@\s]+:[0-9]{1,5}$")]
+ServerUrl = Annotated[
+    str, StringConstraints(pattern=r"^(nats|tls)://[^/@\s]+:[0-9]{1,5}$"), AfterValidator(_server_url)
+]
 """Without credentials: those of the hub are in sites.json."""
+Address = Annotated[str, AfterValidator(_address)]
+"""A name or an address, with or without a port."""
 
 
 class _Part(BaseModel):
@@ -68,8 +112,8 @@ class NatsSettings(_Part):
 
     servers: tuple[ServerUrl, ...] = ()
     """NATS servers that run by themselves, and that include accounts.conf. None: the hub runs one of its own."""
-    address: Host | Annotated[tuple[Host, ...], Field(min_length=1)] = "127.0.0.1"
-    """The name or address by which the leaf nodes of sites reach it; those of several servers."""
+    address: Annotated[tuple[Address, ...], BeforeValidator(_several), Field(min_length=1)] = ("127.0.0.1",)
+    """Names or addresses by which the leaf nodes of sites reach it, or several servers; with a port where it is not `leaf_port`."""
     leaf_host: Host = "127.0.0.1"
     """Where it listens for them."""
     leaf_port: Port = 7422
@@ -186,15 +230,31 @@ class HubFolder:
         except OSError as error:
             raise FolderUnusable(f"{error.filename} cannot be read ({error.strerror})") from error
 
+    def certificates(self) -> dict[str, datetime | None]:
+        """Return until when the certificates of the settings are valid, by what they are for; None for one that cannot be read."""
+        settings = self.settings()
+        http, nats = settings.http.tls, settings.nats.tls
+        files = {
+            "api": None if http is None else http.certificate,
+            "nats": None if nats is None else nats.certificate,
+            "ca": settings.nats.ca,
+        }
+        return {
+            name: min((found.not_valid_after_utc for found in certificates_in(self.path / file)), default=None)
+            for name, file in files.items()
+            if file is not None
+        }
+
     def client_tls(self) -> ssl.SSLContext | None:
-        """Return what the hub trusts of NATS servers with tls:// URLs; None for the CAs of the system."""
-        ca = self.settings().nats.ca
-        if ca is None:
+        """Return the TLS of connections to NATS servers with tls:// URLs; None where there is none."""
+        nats = self.settings().nats
+        if not any(url.startswith("tls:") for url in nats.servers):
             return None
+        ca = None if nats.ca is None else self.path / nats.ca
         try:
-            return ssl.create_default_context(cafile=self.path / ca)
+            return client_context(ca)
         except OSError as error:
-            raise FolderUnusable(f"nats.ca: {self.path / ca} cannot be used: {error.strerror or error}") from error
+            raise FolderUnusable(f"nats.ca: {ca} cannot be used: {error.strerror or error}") from error
 
     def registry(self) -> Registry:
         """Return the sites; a registry without sites where there is no file."""
@@ -303,8 +363,9 @@ def _accounts(registry: Registry) -> dict[str, object]:
 def server_configuration(settings: NatsSettings, registry: Registry, folder: Path) -> str:
     """Return the configuration of the NATS server that the hub runs."""
     # else leaf nodes learn the addresses of this computer, and try those too, which may be other computers where they are
+    host = settings.leaf_host
     leafnodes: dict[str, object] = {
-        "listen": f"{settings.leaf_host}:{settings.leaf_port}",
+        "listen": f"{f'[{host}]' if ':' in host and not host.startswith('[') else host}:{settings.leaf_port}",
         "no_advertise": True,
         "compression": COMPRESSION,
     }
@@ -329,6 +390,8 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
     )
 
 
+CERTIFICATES = {"api": "http: tls", "nats": "nats: tls", "ca": "nats: ca"}
+"""What certificates are for, with the setting that names each."""
 PID_FILE, LOG_FILE = "nats.pid", "nats.log"
 LOG_BYTES = 10_000_000
 """Of one of three log files: a site that is refused causes lines as often as it likes."""
@@ -369,9 +432,8 @@ def _site_account(site: str, entry: SiteEntry) -> dict[str, object]:
 def leaf_configuration(settings: NatsSettings, site: str, nkey: Nkey, password: str) -> str:
     """Return the configuration of the leaf node of a site, whose JetStream works with and without the hub."""
     scheme = "tls" if settings.leafs_use_tls else "nats-leaf"
-    addresses = (settings.address,) if isinstance(settings.address, str) else settings.address
     remote: dict[str, object] = {
-        "urls": [f"{scheme}://{address}:{settings.leaf_port}" for address in addresses],
+        "urls": [f"{scheme}://{_with_port(address, settings.leaf_port)}" for address in settings.address],
         "nkey": nkey.seed,
         "account": subjects.ACCOUNT,
         "compression": COMPRESSION,
@@ -395,6 +457,12 @@ def leaf_configuration(settings: NatsSettings, site: str, nkey: Nkey, password: 
             "leafnodes": {"reconnect": "2s", "remotes": [remote]},
         }
     )
+
+
+def _with_port(address: str, port: int) -> str:
+    """Return an address with its port, or with this one where it has none."""
+    has_port = ":" in address.rpartition("]")[2]
+    return address if has_port else f"{address}:{port}"
 
 
 def _configuration(content: Mapping[str, object]) -> str:

@@ -70,7 +70,7 @@ class SiteState(StrEnum):
     """Whether a site can be reached."""
 
     UNKNOWN = "unknown"
-    """The hub has just started, and there is no news yet."""
+    """The hub has just started, or has not yet reached its NATS server, and there is no news yet."""
     ONLINE = "online"
     OFFLINE = "offline"
     FLOODING = "flooding"
@@ -117,6 +117,8 @@ class RemoteSite:
         self.state = SiteState.UNKNOWN
         self.rows_read = 0
         """Rows read from its stream since the start of the hub, known ones included."""
+        self.times_offline = 0
+        """How often it has turned offline."""
         self.unreadable = 0
         """Messages that could not be read."""
         self._changed = asyncio.Event()
@@ -255,6 +257,7 @@ class RemoteSite:
     async def _turn(self, state: SiteState, text: str) -> None:
         if state is not self.state:
             self.state = state
+            self.times_offline += state is SiteState.OFFLINE
             _log.info("%s: %s%s", self.id, state, f": {text}" if text else "")
             await self._announce(self.id, state, text)
 

@@ -9,6 +9,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import datetime
 from functools import partial
 from typing import TypeVar
 
@@ -17,16 +18,19 @@ from pydantic import ValidationError
 from drivers.thread import Worker
 from lift_manager.hub.connection import CLOSE_WITHIN_S, Connection
 from lift_manager.hub.errors import FolderUnusable, UpdateRefused
-from lift_manager.hub.folder import HubFolder, Registry, account
+from lift_manager.hub.folder import HubFolder, Registry, SiteEntry, account
 from lift_manager.hub.messages import Position, RowMessage
 from lift_manager.hub.nats_server import NatsServer
 from lift_manager.hub.remote_site import RemoteSite, SiteState
 from lift_manager.hub.rows import RowStore, StoredEvent
 from lift_manager.hub.system_account import SystemAccount
-from lift_manager.hub.update.desk import Desk, UpdateFiles
+from lift_manager.hub.update.desk import Desk, SiteUpdate, UpdateFiles
 
 CHECK_EVERY_S = 0.5
 """How often the files of the folder are checked, as those of keys."""
+
+CERTIFICATES_EVERY_S = 60.0
+"""How often it is checked until when the certificates are valid."""
 
 RETRY_S = 5.0
 """How long to wait after a failure."""
@@ -45,6 +49,9 @@ class Hub:
         """Raises FolderUnusable and NatsServerMissing."""
         self.folder = folder
         self.registry: Registry = folder.registry()
+        """As shown: a site that was switched here counts as such at once."""
+        self._applied = self.registry
+        """As the NATS servers have it."""
         settings = folder.settings().nats
         self._server = None if settings.servers else NatsServer(folder)
         """None where the NATS servers run by themselves."""
@@ -59,6 +66,8 @@ class Hub:
         self._worker = Worker("lift-manager-hub")
         self._receivers: dict[Receive, None] = {}
         self._desk = Desk(UpdateFiles(folder.path))
+        self.certificates: Mapping[str, datetime | None] = folder.certificates()
+        """Until when they are valid, by what they are for; None for one that cannot be read."""
 
     @property
     def is_up(self) -> bool:
@@ -98,7 +107,23 @@ class Hub:
 
     def state(self, site: str) -> SiteState:
         """Return whether a site of the registry can be reached."""
-        return self.sites[site].state if site in self.sites else SiteState.OFF
+        if self.registry.sites[site].off is not None:
+            return SiteState.OFF
+        return self.sites[site].state if site in self.sites else SiteState.UNKNOWN
+
+    def switch_off(self, site: str, by: str, reason: str) -> None:
+        """Switch a site off; the NATS servers follow. Raises FolderUnusable."""
+        self.folder.switch_off(site, by, reason)
+        self._forget(self.folder.registry())
+
+    def switch_on(self, site: str, by: str) -> None:
+        """Switch a site on; it is observed once the NATS servers have followed. Raises FolderUnusable."""
+        self.folder.switch_on(site, by)
+        self._forget(self.folder.registry())
+
+    def update_of(self, site: str) -> SiteUpdate:
+        """Return how a site stands with configuration updates, from memory."""
+        return self._desk.update_of(site)
 
     def open_rows(self) -> RowStore:
         """Return the rows, for a reader of its own; once `run` runs."""
@@ -196,19 +221,24 @@ class Hub:
         """Apply changes of the registry, which the command line and the API write, and use renewed certificates."""
         trouble = ""
         tls_changed_at = await self._in_thread(self.folder.tls_changed_at)
+        certificates_at = 0.0
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
+            now = asyncio.get_running_loop().time()
             try:
                 registry = await self._in_thread(self.folder.registry)
                 newest = await self._in_thread(self.folder.tls_changed_at)
-            except FolderUnusable as error:
+                await self._in_thread(self._desk.refresh)
+                if now - certificates_at >= CERTIFICATES_EVERY_S:
+                    self.certificates, certificates_at = await self._in_thread(self.folder.certificates), now
+            except (FolderUnusable, UpdateRefused) as error:
                 if str(error) != trouble:
                     _log.error("%s; the sites stay as they are", error)
                 trouble = str(error)
                 continue
             trouble = ""
             await self._system.retry()
-            if registry != self.registry:
+            if registry != self._applied:
                 await self._apply(tasks, registry)
             if newest != tls_changed_at:
                 tls_changed_at = newest
@@ -216,8 +246,10 @@ class Hub:
                 _log.info("the NATS server reads its certificate again")
 
     async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
-        before = self.registry.sites
-        closed = {account(site) for site, entry in before.items() if _is_closed(registry, site, entry.nkey)}
+        before, self._applied = self._applied.sites, registry
+        closed = {
+            account(site) for site, entry in before.items() if _must_connect_again(entry, registry.sites.get(site))
+        }
         self._forget(registry)  # at once: a server may be slow
         await self._system.reload(closed)
         self._follow(tasks, registry, await self._in_thread(self._store.positions))
@@ -244,7 +276,10 @@ def _live(registry: Registry) -> set[str]:
     return {site for site, entry in registry.sites.items() if entry.off is None}
 
 
-def _is_closed(registry: Registry, site: str, nkey: str) -> bool:
-    """Whether a connection with this key is no longer allowed."""
-    entry = registry.sites.get(site)
-    return entry is None or entry.off is not None or entry.nkey != nkey
+def _must_connect_again(before: SiteEntry, entry: SiteEntry | None) -> bool:
+    """Whether the connection of a site has to end: it is no longer allowed, or the account that it belongs to may be one from before.
+
+    A server that learns late that a site is off keeps its connection (2.15), in an account that is not the one that it gets with the site on
+    again: what the site sends there reaches nobody.
+    """
+    return entry is None or entry.nkey != before.nkey or (entry.off is None) != (before.off is None)

@@ -20,6 +20,8 @@ WHOLE_S = 20.0
 """How long one attempt with all servers may take."""
 GATHER_S = 0.5
 """How long to wait for the reply of a further server of a cluster. Chosen: they are in one network, and know of each other."""
+MISSING_S = 10.0
+"""How long to wait before servers are looked for that did not reply. Chosen: one that is slow is found soon, and one that is off costs little."""
 
 _log = logging.getLogger(__name__)
 
@@ -31,40 +33,63 @@ class SystemAccount:
         """`connect` returns a connection of the system account that is not open; there are so many `servers`, as far as is configured."""
         self._connect, self._servers = connect, servers
         self._is_due = False
+        self._not_before = 0.0
         self._to_close: set[str] = set()
-        """Accounts whose connections are still to be closed."""
+        """Accounts whose connections are still to be closed at some server."""
+        self._reloaded: set[str] = set()
+        """Servers, by id, that have read the newest configuration."""
+        self._closed: dict[str, set[str]] = {}
+        """Accounts whose connections a server has closed: a site that has connected again is not to be disconnected again."""
 
     async def reload(self, closed: Collection[str]) -> None:
         """Let every server read its configuration again, and close the connections of these accounts, which it does not do by itself (2.15).
 
-        What fails is logged; `retry` tries it again.
+        What fails is logged; `retry` tries it again, also at servers that did not reply.
         """
-        self._is_due = True
+        self._is_due, self._not_before = True, 0.0
         self._to_close |= set(closed)
+        self._reloaded = set()
+        for accounts in self._closed.values():
+            accounts -= set(closed)
         await self.retry()
 
     async def retry(self) -> None:
         """Try what has failed again: a site that was switched off must not stay connected because a server was slow for once."""
         from nats.errors import Error  # noqa: PLC0415
 
-        if not self._is_due:
+        if not self._is_due or _now() < self._not_before:
             return
-        closed = frozenset(self._to_close)
+        is_first = not self._reloaded
         try:
             async with asyncio.timeout(WHOLE_S), self._opened() as client:
-                for server in await self._every(client, "IDZ"):
-                    reply = await _request(client, server["id"], "RELOAD", {})
-                    if error := reply.get("error"):
-                        why = error.get("description")
-                        _log.error("the NATS server %s cannot use its configuration: %s", server["name"], why)
-                if closed:
-                    await self._close(client, closed)
+                await self._reload(client)
+                if self._to_close:
+                    await self._close(client)
         except (Error, OSError, TimeoutError) as error:
             why = str(error) or "no reply in time"
             _log.error("the NATS servers do not follow the change of sites: %s; it is tried again", why)
-        else:
+            return
+        done = len(self._reloaded & self._closed.keys() if self._to_close else self._reloaded)
+        if done >= self._servers:
             self._is_due = False
-            self._to_close -= closed
+            self._to_close, self._closed = set(), {}
+            return
+        self._not_before = _now() + MISSING_S
+        if is_first:
+            _log.warning(
+                "%d of %d NATS servers have followed the change of sites; the others follow once they reply",
+                done,
+                self._servers,
+            )
+
+    async def _reload(self, client: Client) -> None:
+        for server in await self._every(client, "IDZ"):
+            if server["id"] not in self._reloaded:
+                reply = await _request(client, server["id"], "RELOAD", {})
+                if error := reply.get("error"):
+                    why = error.get("description")
+                    _log.error("the NATS server %s cannot use its configuration: %s", server["name"], why)
+                self._reloaded.add(server["id"])
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Client]:
@@ -75,14 +100,17 @@ class SystemAccount:
         finally:
             await connection.close()
 
-    async def _close(self, client: Client, accounts: Collection[str]) -> None:
+    async def _close(self, client: Client) -> None:
         for server in await self._every(client, "LEAFZ"):
+            ident = server["server"]["id"]
+            closed = self._closed.setdefault(ident, set())
             for leaf in server["data"].get("leafs") or ():
-                if leaf.get("account") in accounts:
-                    await _request(client, server["server"]["id"], "KICK", {"cid": leaf["id"]})
+                if leaf.get("account") in self._to_close - closed:
+                    await _request(client, ident, "KICK", {"cid": leaf["id"]})
+            closed |= self._to_close
 
     async def _every(self, client: Client, what: str) -> list[Any]:
-        """Return the replies of all servers. Of one that does not reply nothing is known: it may have ended."""
+        """Return the replies of all servers. One that does not reply may be slow, or may have ended."""
         from nats.errors import NoRespondersError  # noqa: PLC0415
         from nats.errors import TimeoutError as NoMessage  # noqa: PLC0415
 
@@ -103,3 +131,7 @@ class SystemAccount:
 async def _request(client: Client, server: str, what: str, data: object) -> Any:
     subject = f"$SYS.REQ.SERVER.{server}.{what}"
     return json.loads((await client.request(subject, json.dumps(data).encode(), timeout=REPLY_S)).data)
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from lift_manager.hub.api import (
     SiteEvent,
     SiteEventsAnswer,
     SitesAnswer,
+    SiteUpdateAnswer,
     SwitchedAnswer,
     SwitchOffRequest,
     SwitchOnRequest,
@@ -135,8 +137,10 @@ async def _remote(site: SiteName, request: Request) -> RemoteSite:
     """Return a site that can be reached, as far as is known."""
     hub = _hub_of(request)
     _require_site(hub, site)
-    if site not in hub.sites:
+    if hub.state(site) is SiteState.OFF:
         raise RequestError("site_silent", f"{site} is switched off; `GET /api/v1/sites/{site}` has by whom and why")
+    if site not in hub.sites:
+        raise RequestError("site_silent", "the hub has not reached its NATS server yet")
     return hub.sites[site]
 
 
@@ -205,6 +209,19 @@ async def site_events(
     return SiteEventsAnswer(site=site, events=tuple(map(SiteEvent.of, await hub.newest_events(site, most))))
 
 
+@router.get(
+    "/sites/{site}/update",
+    summary="Configuration updates of a site",
+    tags=["sites"],
+    responses=problems("unknown_site"),
+)
+async def update(site: SiteName, request: Request) -> SiteUpdateAnswer:
+    """By which update it runs, and how far it is with the newest roll-out. From memory: a site reports once a minute."""
+    hub = _hub_of(request)
+    _require_site(hub, site)
+    return SiteUpdateAnswer.of(site, hub.update_of(site), asyncio.get_running_loop().time())
+
+
 @router.post(
     "/sites/{site}/off",
     summary="Switch a site off",
@@ -216,7 +233,7 @@ async def off(site: SiteName, request: Request, body: SwitchOffRequest) -> Switc
     """Its leaf node is disconnected and refused within a second or two, over restarts of the hub. The site itself runs as before."""
     hub = _hub_of(request)
     _require_site(hub, site)
-    return _switch(hub, site, lambda: hub.folder.switch_off(site, _signature(request, body.by), body.reason))
+    return _switch(hub, site, lambda: hub.switch_off(site, _signature(request, body.by), body.reason))
 
 
 @router.post(
@@ -230,7 +247,7 @@ async def on(site: SiteName, request: Request, body: SwitchOnRequest) -> Switche
     """Its leaf node is accepted again; it connects within seconds by itself."""
     hub = _hub_of(request)
     _require_site(hub, site)
-    return _switch(hub, site, lambda: hub.folder.switch_on(site, _signature(request, body.by)))
+    return _switch(hub, site, lambda: hub.switch_on(site, _signature(request, body.by)))
 
 
 @router.get(
@@ -403,9 +420,9 @@ def _info(hub: Hub, site: str) -> RemoteSiteInfo:
 def _switch(hub: Hub, site: str, switch: Callable[[], None]) -> SwitchedAnswer:
     try:
         switch()
-        entry = hub.folder.registry().sites[site]
     except FolderUnusable as error:
         raise RequestError("not_now", str(error)) from error
+    entry = hub.registry.sites[site]
     return SwitchedAnswer(site=site, off=None if entry.off is None else Off.model_validate(entry.off))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from register_maps import frames
+from register_maps.arbitration import NO_CLAIM, ArbitrationCodec, claim_alone
 from register_maps.codec import Codec, CommandCodec, Point
 from register_maps.command_codec import payload_counts
 from register_maps.words import Table
@@ -55,6 +56,11 @@ def _gives(codec: Codec, command: CommandCodec, floors: Mapping[str, int], where
     if command.is_timed_coil:
         yield f"{_raw(codec, command, point, where)}   {what}, for {spec.width_s:g} s; mbpoll cannot send that"
         return
+    if codec.arbitration is not None:
+        yield from _claims(
+            codec, codec.arbitration, command, pressed, f"{what[2:]}{_conditions(codec, command)}", where
+        )
+        return
     tool, host = _mbpoll(codec, point.endpoint, where)
     to = f"{tool} -t {_TYPE[point.table]} -r {point.address} {host}"
     shared = "" if point.is_whole else "; writes the whole register"
@@ -65,6 +71,30 @@ def _gives(codec: Codec, command: CommandCodec, floors: Mapping[str, int], where
     yield f"{to} {_word(codec, point, pressed[point])}   {what}{_conditions(codec, command)}{shared}"
     if not spec.ends_itself:
         yield f"{to} {_word(codec, point, command.encode(None)[point])}   # releases it"
+
+
+def _claims(
+    codec: Codec,
+    arbitration: ArbitrationCodec,
+    command: CommandCodec,
+    pressed: Mapping[Point, int],
+    what: str,
+    where: Mapping[str, str],
+) -> Iterator[str]:
+    """Yield writes of the whole block, in the first epoch: the lift obeys none without one.
+
+    A command that needs robot mode is written with the request for it, which would else be released.
+    """
+    block = codec.written[0][0]
+    tool, host = _mbpoll(codec, block.endpoint, where)
+    claim = arbitration.encode(claim_alone(NO_CLAIM))
+    resting = {point: rest for each in codec.commands.values() for point, rest in each.encode(None).items()}
+    if "robot_mode_on" in command.spec.requires and "robot_mode" in codec.commands:
+        resting |= codec.commands["robot_mode"].encode(1)
+    for given, about in ((pressed, f"{what}; in epoch 1"), (command.encode(None), "releases it")):
+        cells = {point.cell: value & point.mask for point, value in (resting | claim | dict(given)).items()}
+        values = " ".join(str(cells[cell]) for cell in block.cells)
+        yield f"{tool} -t {_TYPE[block.table]} -r {block.start} {host} {values}   # {about}"
 
 
 def _word(codec: Codec, point: Point, value: int) -> int:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, Quality, Restrictions
-from lift_manager.plain.rmf import HeldBy, LiftView
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView
 
 FACE = "rmf"
 """The face of every holder that RMF has: its name there is RMF's session id."""
@@ -49,6 +49,16 @@ class RmfRules:
     """The fleets that this names."""
     clear_on_acknowledge: bool = False
     """Report once that it is over when a person has acknowledged."""
+
+
+def rmf_alarms(rules: RmfRules) -> Alarms:
+    """Return how a fire is announced."""
+    return Alarms(
+        fire_alarm=rules.fire_alarm,
+        emergency_signal=rules.emergency_signal,
+        emergency_fleets=rules.emergency_fleets,
+        clear_on_acknowledge=rules.clear_on_acknowledge,
+    )
 
 
 def rmf_lift(state: LiftState, config: LiftConfig) -> LiftView:

@@ -108,11 +108,24 @@ def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, *, rea
 
     `read_at` is that of the reading before.
     """
-    before, capabilities = record.observation, config.capabilities
-    is_same = before is not None and reading.values is before.values and reading.epoch == before.epoch
-    is_quiet = not (record.is_busy or record.fault or reading.notices)
-    in_time = reading.at <= fresh_until(capabilities, read_at) and now <= fresh_until(capabilities, reading.at)
-    return not (is_same and is_quiet and in_time and before is not None and before.is_settled)
+    return not is_repetition(config, settled_observation(record), reading, read_at=read_at, now=now)
+
+
+def settled_observation(record: LiftRecord) -> Observation | None:
+    """Return the observation that a reading may repeat without being news; None where every reading is."""
+    observation = record.observation
+    is_settled = observation is not None and observation.is_settled and not record.fault and not record.is_busy
+    return observation if is_settled else None
+
+
+def is_repetition(
+    config: LiftConfig, settled: Observation | None, reading: LiftReading, *, read_at: float, now: float
+) -> bool:
+    """Whether a reading repeats the `settled_observation`, in time. A function of its own because every poll calls it."""
+    if settled is None or reading.values is not settled.values or reading.epoch != settled.epoch or reading.notices:
+        return False
+    capabilities = config.capabilities
+    return reading.at <= fresh_until(capabilities, read_at) and now <= fresh_until(capabilities, reading.at)
 
 
 def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, moment: Moment) -> LiftRecord:

@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.alarms import AlarmPublisher, FireAlarm
 from lift_manager.rmf.counts import Counts
+from lift_manager.rmf.early_ends import EarlyEnds
 from lift_manager.rmf.ignored_requests import USUAL, explain_ignored, quoted
-from lift_manager.rmf.lift_sessions import REPLAY_S, TEXT_LIMIT, Disposition, LiftSessions
+from lift_manager.rmf.lift_sessions import REPLAY_S, Disposition, LiftSessions
 from lift_manager.rmf.lift_state import Cadence, as_offline, make_state, stale_at
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, Manager
 
 _log = logging.getLogger(__name__)
 
-MAX_EARLY_ENDS = 100
-"""How many ENDs are kept before the manager's first answer; humble's supervisor sends each only once. Chosen."""
 IDLE_S = 60.0
 """Until the next tick if nothing is due."""
 _RIVAL = "rival"
@@ -65,8 +64,13 @@ class Adapter:
         counts: Counts | None = None,
         *,
         adapter_id: str = "",
+        first_reading_s: float = 0.0,
     ) -> None:
-        """`ros_time` is RMF's clock in seconds: the wall clock, or /clock in a simulation. `adapter_id` is the same after each start."""
+        """`ros_time` is RMF's clock in seconds: the wall clock, or /clock in a simulation. `adapter_id` is the same after each start.
+
+        A lift that the manager has not read yet is published `first_reading_s` after the manager's first answer: where another adapter has
+        published it until now, RMF need not see that this one knows nothing yet.
+        """
         self._adapter_id = adapter_id
         self.counts = counts or Counts()
         self._manager = manager
@@ -78,10 +82,13 @@ class Adapter:
         self._site: SiteView | None = None
         self._lost_reason: str | None = None
         self._replay_until = -math.inf
-        self._early_ends: dict[tuple[str, str], None] = {}
-        """Lift and session of ENDs before the manager's first answer."""
-        self._early_ends_of_fleets: dict[tuple[str, str], None] = {}
+        self._early_ends = EarlyEnds()
+        """ENDs before the manager's first answer."""
+        self._early_ends_of_fleets = EarlyEnds()
         """The same for ENDs that fleets send to their supervisor."""
+        self._first_reading_s = first_reading_s
+        self._unread_until = -math.inf
+        """Until then a lift without a reading is not published."""
         self._fire = FireAlarm(output.alarm)
         self._logged: set[tuple[str, str]] = set()
         """Lift and cause of the lines that were logged."""
@@ -90,9 +97,10 @@ class Adapter:
         """Process a request with any content."""
         lift = self._lifts.get(request.lift_name)
         if lift is None:
-            disposition = self._handle_without_lift(request)
+            disposition = self._handle_without_lift(request, now)
             self._count("", disposition)
-            self._explain(disposition, request, None)
+            if disposition is not Disposition.NO_MANAGER or request.request_type != END_SESSION:
+                self._explain(disposition, request, None)
             return
         held = lift.sessions.holds_lift
         disposition = lift.sessions.handle_request(request, now, replay=now < self._replay_until)
@@ -109,7 +117,7 @@ class Adapter:
             lift.sessions.handle_fleet_request(request, now)
             lift.next_at = min(lift.next_at, lift.sessions.due_at(now))
         elif self._site is None:
-            self._remember_early_end(request, self._early_ends_of_fleets)
+            self._early_ends_of_fleets.note(request, now)
 
     def on_unreadable(self, text: str, now: float) -> None:
         """Count a request that cannot be decoded."""
@@ -133,6 +141,8 @@ class Adapter:
         """Take over a complete answer of the manager."""
         if self._lost_reason is not None or self._site is None:
             _log.info("the manager answers: %s", ", ".join(view.name for view in site.lifts) or "it has no lifts")
+        if self._site is None:
+            self._unread_until = now + self._first_reading_s
         self._lost_reason, self._site = None, site
         self._forget_gone(site, now)
         for index, view in enumerate(site.lifts):
@@ -195,6 +205,9 @@ class Adapter:
             _log.warning(text, sessions.view.name, quoted(session))
         if (request := sessions.next_request(now)) is not None:
             self._manager.send(request)
+        if sessions.view.age_s is None and now < self._unread_until:
+            lift.next_at = min(self._unread_until, sessions.due_at(now))
+            return lift.next_at
         state = lift.make_state(now, self._ros_time())
         if lift.cadence.is_due(state, now):
             self._output.publish(state)
@@ -204,24 +217,17 @@ class Adapter:
         lift.next_at = min(lift.cadence.next_at(state), sessions.due_at(now), stale if stale > now else math.inf)
         return lift.next_at
 
-    def _handle_without_lift(self, request: LiftRequest) -> Disposition:
+    def _handle_without_lift(self, request: LiftRequest, now: float) -> Disposition:
         if self._site is not None:
             return Disposition.UNKNOWN_LIFT
-        self._remember_early_end(request, self._early_ends)
+        self._early_ends.note(request, now)
         return Disposition.NO_MANAGER
 
-    def _remember_early_end(self, request: LiftRequest, ends: dict[tuple[str, str], None]) -> None:
-        """Remember a session whose last request is END_SESSION."""
-        ends.pop((request.lift_name, request.session_id), None)
-        fits = len(request.lift_name) <= TEXT_LIMIT and 0 < len(request.session_id) <= TEXT_LIMIT
-        if request.request_type == END_SESSION and fits and len(ends) < MAX_EARLY_ENDS:
-            ends[request.lift_name, request.session_id] = None
-
     def _apply_early_ends(self, now: float) -> None:
-        for name, session in self._early_ends:
+        for name, session in self._early_ends.at(now):
             if (lift := self._lifts.get(name)) is not None and lift.sessions.session == session:
                 lift.sessions.end_session(session, now)
-        for name, session in self._early_ends_of_fleets:
+        for name, session in self._early_ends_of_fleets.at(now):
             if (lift := self._lifts.get(name)) is not None:
                 lift.sessions.handle_fleet_end(session, now)
         self._early_ends.clear()

@@ -78,8 +78,11 @@ class RunningAdapter:
         use_sim_time: bool = False,
         counts: Counts | None = None,
         adapter_id: str = "",
+        first_reading_s: float = 0.0,
     ) -> None:
+        """`adapter_id` and `first_reading_s` are those of `Adapter`."""
         self._adapter_id = adapter_id
+        self._first_reading_s = first_reading_s
         self.counts = counts or Counts()
         self._make_rmf = make_rmf
         self._make_manager = make_manager
@@ -89,7 +92,7 @@ class RunningAdapter:
     def open(self) -> None:
         """Join RMF, on a running loop; raises what `make_rmf` raises. Nothing is received or published before `run`."""
         adapter_loop = _AdapterLoop(RosClock(self._use_sim_time), self.counts)
-        adapter_loop.open(self._make_rmf, self._make_manager, self._adapter_id)
+        adapter_loop.open(self._make_rmf, self._make_manager, self._adapter_id, self._first_reading_s)
         self._adapter_loop = adapter_loop
 
     async def run(self) -> None:
@@ -141,13 +144,19 @@ class _AdapterLoop:
         self._names: tuple[str, ...] = ()
 
     def open(
-        self, make_rmf: Callable[[DdsListener, Deliver], Rmf], make_manager: Callable[[], ManagerLink], adapter_id: str
+        self,
+        make_rmf: Callable[[DdsListener, Deliver], Rmf],
+        make_manager: Callable[[], ManagerLink],
+        adapter_id: str,
+        first_reading_s: float,
     ) -> None:
         """Join RMF. Its messages wait for the next turn of the loop."""
         self._rmf = make_rmf(self, self._deliver)
         self._manager = make_manager()
         out = RmfOutput(self._rmf.publish, self._rmf.alarm)
-        self._adapter = Adapter(self._manager, out, self._clock, self._counts, adapter_id=adapter_id)
+        self._adapter = Adapter(
+            self._manager, out, self._clock, self._counts, adapter_id=adapter_id, first_reading_s=first_reading_s
+        )
 
     async def run(self) -> None:
         """Start the connection to the manager, too; raises the error of any part."""

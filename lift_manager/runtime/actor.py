@@ -39,12 +39,21 @@ from lift_manager.lift.inputs import (
     Request,
     Tick,
 )
-from lift_manager.lift.observation import Moment
+from lift_manager.lift.observation import Moment, Observation
 from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.state import LiftState, restrictions, same_but_for_time, state
-from lift_manager.lift.step import Reply, Step, is_news, next_change, note_outputs, start, step
+from lift_manager.lift.step import (
+    Reply,
+    Step,
+    is_repetition,
+    next_change,
+    note_outputs,
+    settled_observation,
+    start,
+    step,
+)
 from lift_manager.rides.record import SavedRide
 from lift_manager.runtime.bus import Bus, Event, StateChanged
 from lift_manager.runtime.inbox import Inbox
@@ -100,6 +109,8 @@ class LiftActor:
         self._clock = clock or wall_clock()
         self._read_at = -math.inf
         """Monotonic seconds; no signal of the lift is older than this."""
+        self._settled: Observation | None = None
+        """What readings may repeat without being news, by the newest record."""
         self._stepped_at = _NEVER
         """When the step was that made this record."""
         self._has_begun = self._is_taking = False
@@ -133,10 +144,10 @@ class LiftActor:
             self.freshen()  # listeners get the state before the decision
         return self._take(happened)
 
-    def take_reading(self, reading: LiftReading) -> None:
-        """Take a poll that was answered; one without news costs almost nothing."""
-        now = _now()
-        if not self.inbox and not is_news(self.config, self.record, reading, read_at=self._read_at, now=now):
+    def take_reading(self, reading: LiftReading, now: float) -> None:
+        """Take a poll that was answered by `now`; one without news costs almost nothing."""
+        is_repeated = is_repetition(self.config, self._settled, reading, read_at=self._read_at, now=now)
+        if is_repeated and not self.inbox:
             self._read_at = reading.at
             return
         self.handle(Reading(reading, {}))
@@ -245,12 +256,15 @@ class LiftActor:
         elif isinstance(happened, Reading):
             self.journal.link(done.record.fault, moment.now, answers=True)
             self.journal.mode(happened.reading.values.mode, moment.now)
-        self._carry_out(done, replace(moment, read_at=self._read_at), not_recorded=isinstance(happened, CommitFailed))
+        if moment.read_at != self._read_at:
+            moment = replace(moment, read_at=self._read_at)
+        self._carry_out(done, moment, not_recorded=isinstance(happened, CommitFailed))
         return done.reply
 
     def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:
         """Assign the record, publish, and then declare, press and write down what follows from it."""
         before, self.record, self._stepped_at = self.record, done.record, moment
+        self._settled = settled_observation(done.record)
         self.journal.call(before.call, done.record.call)
         for event in done.events:
             self.publish(event)

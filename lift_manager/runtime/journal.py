@@ -277,9 +277,9 @@ def manager_started(
     return Row(RowKind.MANAGER, text, data={"version": version, "lifts": lifts})
 
 
-def manager_took_over(machine: str, epoch: int) -> Row:
-    """Return the row of the manager of a cluster that has become active."""
-    text = f"the manager on {machine} is active, in epoch {epoch}"
+def manager_took_over(machine: str, epoch: int, alone: str = "") -> Row:
+    """Return the row of the manager of a cluster that has become active; `alone` says in words that it goes on without the other one."""
+    text = f"the manager on {machine} is active, in epoch {epoch}{f': {alone}' * bool(alone)}"
     return Row(RowKind.MANAGER, text, data={"machine": machine, "epoch": epoch})
 
 

@@ -50,13 +50,14 @@ class LiftPoll:
                 actor.take_failure(error)
                 is_answered = False
             else:
-                actor.take_reading(reading)
+                actor.take_reading(reading, loop.time())
                 self.looked.set()
                 is_answered = True
             self.polls += 1
             ended = loop.time()
             self._slowest_s = max(ended - began, self._slowest_s * FORGETS)
-            due = await pause.last_until(self._next_due(due, ended, is_answered=is_answered), self._ticker)
+            await pause.last_until(self._next_due(due, ended, is_answered=is_answered), self._ticker)
+            due = pause.until
 
     def _next_due(self, due: float, ended: float, *, is_answered: bool) -> float:
         """Return when the next poll is due, after one that was due at `due`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from lift_manager.lift.rmf_view import rmf_lift
+from lift_manager.lift.rmf_view import rmf_alarms, rmf_lift
 from lift_manager.plain import rmf
 from lift_manager.runtime.site import Site
 
@@ -22,10 +22,5 @@ def rmf_site_of(site: Site, lifts: Iterable[rmf.LiftView]) -> rmf.SiteView:
         event=site.newest,
         lifts=tuple(lifts),
         end_grace_s=rules.end_grace_s,
-        alarms=rmf.Alarms(
-            fire_alarm=rules.fire_alarm,
-            emergency_signal=rules.emergency_signal,
-            emergency_fleets=rules.emergency_fleets,
-            clear_on_acknowledge=rules.clear_on_acknowledge,
-        ),
+        alarms=rmf_alarms(rules),
     )

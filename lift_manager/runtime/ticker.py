@@ -47,20 +47,21 @@ class Pause:
     def __init__(self) -> None:
         self._ticker: Ticker | None = None
         self._sleeper: asyncio.Future[None] | None = None
-        self._until = self._end_by = math.inf
+        self.until = math.inf
+        """When the newest one was to end."""
+        self._end_by = math.inf
 
-    async def last_until(self, when: float, ticker: Ticker) -> float:
-        """Sleep until this loop time, or until an earlier one by which the pause is to end; returns which it was."""
-        self._ticker, self._until = ticker, min(when, self._end_by)
-        self._sleeper, self._end_by = ticker.sleep_until(self._until), math.inf
-        await self._sleeper
-        self._sleeper = None
-        return self._until
+    def last_until(self, when: float, ticker: Ticker) -> asyncio.Future[None]:
+        """Return what to await until this loop time, or an earlier one by which the pause is to end: `until` is which it was."""
+        self._ticker, self.until = ticker, min(when, self._end_by)
+        self._end_by = math.inf
+        self._sleeper = ticker.sleep_until(self.until)
+        return self._sleeper
 
     def end_by(self, when: float) -> None:
         """End this pause at this loop time at the latest, or the next one if there is none now."""
-        if self._sleeper is None or self._ticker is None:
+        if self._sleeper is None or self._ticker is None or self._sleeper.done():
             self._end_by = min(when, self._end_by)
-        elif when < self._until:
-            self._until = when
+        elif when < self.until:
+            self.until = when
             self._sleeper = self._ticker.sleep_until(when, self._sleeper)

@@ -71,12 +71,14 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     host_names: Collection[str] = (),
     simulated: Collection[str] = (),
     announcements: Mapping[str, Path] | None = None,
+    alone: str = "",
 ) -> Application:
     """Return the application that serves a site.
 
     `streams` limits the open event streams; the default is a share of the connections that this computer can open. Without `keys`,
     everybody is admitted who addresses the manager by an address, localhost or one of `host_names`. `simulated` are the
-    lifts behind simulated controllers; `announcements` are the recordings of the lobby view, by moment. Only `routes` can be reached, whatever else is added to the application.
+    lifts behind simulated controllers; `announcements` are the recordings of the lobby view, by moment. `alone` says in words that one machine of a cluster
+    goes on without the other. Only `routes` can be reached, whatever else is added to the application.
     """
     app = Application(
         title="Lift manager",
@@ -111,7 +113,7 @@ def make_app(  # noqa: PLR0913  the parts of the application, by name
     add_page(app)
     add_announcements(app, announcements or {})
     routers = (lifts.router, sessions.router, rmf.router, rides.router, people.router, login.router, events.router)
-    for router in (workshop, *routers, health.health_router(site), health.metrics_router(metrics)):
+    for router in (workshop, *routers, health.health_router(site, alone), health.metrics_router(metrics)):
         # `include_router` would analyse every route once more for each application, at its first request
         app.router.routes.extend(router.routes)
     describe_access(app, routes, keys, site.lift_names())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -21,6 +21,7 @@ For monitoring of the process. The checks need no key, and reveal nothing about 
 _ALIVE = {"status": "ok"}
 _WRITABLE = "written"
 _NOT_WRITABLE = "not written: nothing is pressed; the manager's log says why"
+_ALONE = {"alone": "north goes on alone since 2026-11-29 10:00, as M. Weber has decided because south is off"}
 _EXAMPLE = {"ready": True, "journal": _WRITABLE, "state": _WRITABLE, "lifts": 3, "live": 3}
 
 
@@ -37,8 +38,11 @@ memory, without waiting for controllers. Any key may read it; `deploy/prometheus
 """
 
 
-def health_router(site: Site) -> APIRouter:
-    """Return the routes of the health checks, which reply from memory."""
+def health_router(site: Site, alone: str = "") -> APIRouter:
+    """Return the routes of the health checks, which reply from memory.
+
+    `alone` says in words that one machine of a cluster goes on without the other.
+    """
     router = APIRouter(tags=[TAG])
 
     async def healthz() -> Response:
@@ -49,7 +53,8 @@ def health_router(site: Site) -> APIRouter:
         live = sum(site.state(name).quality is Quality.LIVE for name in names)
         unwritten = site.unwritten
         files = {file: _NOT_WRITABLE if file in unwritten else _WRITABLE for file in ("journal", "state")}
-        body = {"ready": not unwritten, **files, "lifts": len(names), "live": live}
+        body: dict[str, Any] = {"ready": not unwritten, **files, "lifts": len(names), "live": live}
+        body |= {"alone": alone} if alone else {}
         return _answer(body, 503 if unwritten else 200)
 
     router.add_api_route(
@@ -68,14 +73,15 @@ def health_router(site: Site) -> APIRouter:
         summary="Robots are served",
         description=(
             "Robots are served while the journal can be written. A lift that is offline is counted, but does not matter:"
-            " the others continue."
+            " the others continue. `alone` is there while one machine of a cluster goes on without the other, and says who decided it."
         ),
         response_class=Response,
         responses={
-            200: _documented("They are.", _EXAMPLE),
+            200: _documented("They are.", _EXAMPLE, optional=_ALONE),
             503: _documented(
                 "Journal and state cannot be written: nothing is pressed, while releases and states continue.",
                 {**_EXAMPLE, "ready": False, "journal": _NOT_WRITABLE, "state": _NOT_WRITABLE},
+                optional=_ALONE,
             ),
         },
     )
@@ -113,12 +119,12 @@ def _answer(body: dict[str, Any], status: int) -> Response:
     return JSONResponse(body, status, NO_STORE)
 
 
-def _documented(description: str, example: dict[str, Any]) -> dict[str, Any]:
-    properties = {name: {"type": _TYPES[type(value)]} for name, value in example.items()}
+def _documented(description: str, example: dict[str, Any], optional: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    properties = {name: {"type": _TYPES[type(value)]} for name, value in (example | dict(optional or {})).items()}
     schema = {
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": list(example),
         "additionalProperties": False,
         "example": example,
     }

@@ -7,11 +7,10 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
+from lift_manager.plain.file_stamp import FileStamp, file_stamp
 from lift_manager.web.errors import ListenError
 
 _log = logging.getLogger(__name__)
-
-_FileStamp = tuple[tuple[int, int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,16 +88,9 @@ def _load_context(files: ServerTls) -> ssl.SSLContext:
     return context
 
 
-def _file_stamp(files: ServerTls) -> _FileStamp:
-    """Return a value that changes when one of the files does."""
-    found = []
-    for path in (files.certificate, files.key, files.client_ca):
-        try:
-            status = None if path is None else path.stat()
-        except OSError:
-            status = None
-        found.append((0, 0, 0) if status is None else (status.st_mtime_ns, status.st_size, status.st_ino))
-    return tuple(found)
+def _file_stamp(files: ServerTls) -> FileStamp:
+    paths = (files.certificate, files.key, files.client_ca)
+    return file_stamp(path for path in paths if path is not None)
 
 
 def _no_passphrase() -> str:

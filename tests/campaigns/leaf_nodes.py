@@ -132,16 +132,18 @@ class Cable:
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._ends.add(writer)
-        far = None
+        far, pumps = None, list[asyncio.Task[None]]()
         try:
             await self._passes.wait()
             far_reader, far = await asyncio.open_connection("127.0.0.1", self._hub_port)
             self._ends.add(far)
-            pumps = [asyncio.create_task(self._pump(*way)) for way in ((reader, far), (far_reader, writer))]
+            pumps += [asyncio.create_task(self._pump(*way)) for way in ((reader, far), (far_reader, writer))]
             await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
         except OSError:
             pass  # no hub listens now
         finally:
+            for pump in pumps:
+                pump.cancel()
             for end in (writer, far):
                 if end is not None:
                     self._ends.discard(end)

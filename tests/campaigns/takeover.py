@@ -36,6 +36,7 @@ from lift_manager.lab.bench.bench import Bench
 from lift_manager.lab.bench.plan import LiftPlan, plan_lifts
 from lift_manager.lab.bench.simulator import LiftSimulator
 from lift_manager.lab.bench.site import site_file
+from register_maps.codec import compile_map
 from register_maps.load import load
 from tests.campaigns.takeover_clients import Client, Requests, Robot
 from tests.campaigns.takeover_judge import Finding, judge_answers, judge_order, judge_passages, percentile
@@ -54,7 +55,8 @@ from tests.campaigns.takeover_rig import LIFT, Cables, Machine, Observers, build
 from tests.support.etcd import Members, etcd_members
 from tests.support.programs import HANGS_S, call, eventually
 
-MAP = "generic-registers"
+MAPS = ("generic-registers", "generic-registers-cluster")
+"""Whose controller obeys whoever writes, and whose obeys the manager of the highest epoch."""
 IDLE_S = 10.0
 """How long a controller with one slot keeps that of a peer that says nothing."""
 QUIET_S = 0.6
@@ -131,7 +133,8 @@ class Pair:
         self.lift, self.members, self.network = lift, members, network
         self.dice, self.tally = Random(seed), Tally()
         clock = build_clock(folder) if isinstance(network, Namespaces) else None
-        self.cables = Cables(lift.ports[""], network.addresses[CONTROLLER])
+        arbitration = compile_map(plan.map.map).arbitration
+        self.cables = Cables(lift.ports[""], network.addresses[CONTROLLER], arbitration)
         self.machines = {name: Machine(name, folder, network, clock=clock, forked=forked) for name in MACHINES}
         self.observers = Observers(members.urls, "bench")
         self.keys = self.observers.keys
@@ -495,6 +498,7 @@ def campaign(
     kinds: tuple[str, ...] | None = None,
     network: Network | None = None,
     one_slot: bool = False,
+    map_name: str = MAPS[0],
     rides: bool = False,
     forked: bool = False,
     keep: Path | None = None,
@@ -510,7 +514,7 @@ def campaign(
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory()))
         (folder / "etcd").mkdir()
-        wish = {"name": LIFT, "map": _map(folder, one_slot=one_slot), "speed": 20.0, "clear_s": 10.0}
+        wish = {"name": LIFT, "map": _map(folder, map_name, one_slot=one_slot), "speed": 20.0, "clear_s": 10.0}
         bench = stack.enter_context(Bench((wish,), near=folder, folder=folder))
         (plan,) = plan_lifts((wish,), folder)
         names = (*MACHINES, WITNESS)
@@ -530,11 +534,11 @@ def campaign(
     return pair.tally
 
 
-def _map(folder: Path, *, one_slot: bool) -> str:
+def _map(folder: Path, name: str, *, one_slot: bool) -> str:
     """Return the map; that of a controller with one slot is written into the folder."""
     if not one_slot:
-        return MAP
-    shipped, place = load(MAP).path.read_text("utf-8"), folder / "one-slot.yaml"
+        return name
+    shipped, place = load(name).path.read_text("utf-8"), folder / "one-slot.yaml"
     link = "link: {"
     assert link in shipped
     place.write_text(shipped.replace(link, f"{link}max_connections: 1, idle_timeout_s: {IDLE_S:g}, ", 1), "utf-8")
@@ -552,6 +556,7 @@ class Part:
     seed: int
     one_slot: bool
     rides: bool
+    map_name: str = MAPS[0]
     kinds: tuple[str, ...] | None = None
     keep: str | None = None
 
@@ -600,7 +605,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def parts(faults: int, seed: int, kinds: tuple[str, ...] | None, keep: str | None) -> list[Part]:
+def parts(faults: int, seed: int, map_name: str, kinds: tuple[str, ...] | None, keep: str | None) -> list[Part]:
     """Divide a campaign among pairs."""
     numbers = range(-(-faults // FAULTS_OF_A_PAIR))
     return [
@@ -609,6 +614,7 @@ def parts(faults: int, seed: int, kinds: tuple[str, ...] | None, keep: str | Non
             seed * 1000 + number,
             one_slot=number % 4 == 3,
             rides=number % 2 == 0 if number % 8 < 4 else number % 2 == 1,
+            map_name=map_name,
             kinds=kinds,
             keep=keep,
         )
@@ -661,6 +667,7 @@ def _run_part(part: Part, prefix: str | None, result: Path) -> int:
         network=Namespaces(prefix) if prefix else Loopback(),
         one_slot=part.one_slot,
         rides=part.rides,
+        map_name=part.map_name,
         keep=Path(part.keep) if part.keep else None,
     )
     result.write_text(json.dumps(vars(tally)), "utf-8")
@@ -673,6 +680,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--lanes", type=int, default=1)
     parser.add_argument("--loopback", action="store_true")
+    parser.add_argument("--map", choices=MAPS, default=MAPS[0])
     parser.add_argument("--kinds", nargs="*", choices=sorted(set(FAULTS)))
     parser.add_argument(
         "--keep", metavar="FOLDER", help="where logs and journals of a pair with findings are copied to"
@@ -686,7 +694,9 @@ def main() -> int:
     began = time.monotonic()
     kinds = tuple(given.kinds) if given.kinds else None
     try:
-        tally = run_parts(parts(given.faults, given.seed, kinds, given.keep), given.lanes, loopback=given.loopback)
+        tally = run_parts(
+            parts(given.faults, given.seed, given.map, kinds, given.keep), given.lanes, loopback=given.loopback
+        )
     except CannotMakeNetworks as error:
         sys.stderr.write(f"{error}\n")
         return 2

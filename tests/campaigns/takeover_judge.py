@@ -23,6 +23,8 @@ class Passage:
     machine: str
     is_write: bool
     """False for a connection that was made."""
+    claimed: int | None = None
+    """The epoch that a write carries, where the map has a place for it."""
 
     @property
     def text(self) -> str:
@@ -98,7 +100,10 @@ def judge_passages(keys: Keys, passages: Iterable[Passage]) -> Iterator[Finding]
 
 
 def judge_order(keys: Keys, passages: Iterable[Passage]) -> Iterator[Finding]:
-    """Writes of two machines never interleave: once a write of an epoch has arrived, none of an earlier epoch does."""
+    """Writes of two machines never interleave: once a write of an epoch has arrived, none of an earlier epoch does.
+
+    A write that carries an epoch carries that of its machine.
+    """
     newest, writer = 0, ""
     for passage in passages:
         if not passage.is_write:
@@ -109,6 +114,8 @@ def judge_order(keys: Keys, passages: Iterable[Passage]) -> Iterator[Finding]:
             yield Finding(passage.at, text)
         else:
             newest, writer = epoch, passage.machine
+        if passage.claimed not in (None, epoch):
+            yield Finding(passage.at, f"{passage.text} for epoch {passage.claimed}, and it was active in epoch {epoch}")
 
 
 def judge_answers(keys: Keys, answers: Iterable[Answer]) -> Iterator[Finding]:

@@ -17,6 +17,8 @@ import httpx
 
 from lift_manager.cluster.content import Place, decode_key
 from lift_manager.cluster.etcd import Entry
+from register_maps.arbitration import ArbitrationCodec
+from register_maps.frames import parse_request
 from tests.campaigns.takeover_judge import Answer, Keys, Passage
 from tests.campaigns.takeover_network import MACHINES, Network
 from tests.support.programs import LIFT_MANAGER, Program, free_port
@@ -44,8 +46,12 @@ def build_clock(folder: Path) -> Path:
 class Cables:
     """Between each machine and the controller."""
 
-    def __init__(self, controller: int, host: str) -> None:
-        """`controller` is its port on the loopback, and `host` the address at which machines reach the cables."""
+    def __init__(self, controller: int, host: str, arbitration: ArbitrationCodec | None = None) -> None:
+        """`controller` is its port on the loopback, and `host` the address at which machines reach the cables.
+
+        `arbitration` is where a write carries the epoch of its manager.
+        """
+        self._arbitration = arbitration
         self._controller = controller
         self._host = host
         self.ports: dict[str, int] = {}
@@ -107,12 +113,21 @@ class Cables:
                     head = await reader.readexactly(6)
                     body = await reader.readexactly(int.from_bytes(head[4:6], "big"))
                     if body[1] in WRITES:
-                        self.passages.append(Passage(time.monotonic(), machine, is_write=True))
+                        self.passages.append(
+                            Passage(time.monotonic(), machine, is_write=True, claimed=self._claimed(head + body))
+                        )
                     behind.write(head + body)
         finally:
             back.cancel()
             for each in (behind, writer):
                 each.transport.abort()
+
+    def _claimed(self, frame: bytes) -> int | None:
+        """Return the epoch that a write carries."""
+        if self._arbitration is None:
+            return None
+        request = parse_request(frame)
+        return self._arbitration.decode({request.table: [0] * request.address + list(request.values)}).epoch
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -75,6 +75,14 @@ def test_the_owner_may_act_a_little_before_an_observer_sees_its_key() -> None:
     assert list(judge_passages(takeover(), [connection(TAKEN - LAG_S - 0.01, "south")]))
 
 
+def test_a_write_carries_the_epoch_of_its_machine_or_is_found() -> None:
+    claims = [(5.0, "north", 1), (TAKEN + 0.1, "south", 2), (TAKEN + 0.2, "south", 1)]
+    log = [Passage(at, machine, is_write=True, claimed=epoch) for at, machine, epoch in claims]
+    assert [finding.text for finding in judge_order(takeover(), log)] == [
+        "south wrote for epoch 1, and it was active in epoch 2"
+    ]
+
+
 def test_writes_of_two_machines_that_interleave_are_found() -> None:
     log = [write(5.0, "north"), write(TAKEN + 0.1, "south"), write(TAKEN + 0.2, "north"), write(TAKEN + 0.3, "south")]
     assert [finding.text for finding in judge_order(takeover(), log)] == [

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.errors import ConnectionLost, ConnectProblem, Delivery, LinkDown
+from drivers.errors import ConnectFailed, ConnectionLost, ConnectProblem, Delivery, LinkDown
 from drivers.modbus.link import OUTAGES, Link, LinkSettings, LinkState
 from drivers.modbus.memory import MemoryDevice, MemoryWire, hang_up, silence
 from register_maps import frames
@@ -319,3 +319,42 @@ async def test_a_device_with_few_slots_that_takes_no_connection_may_have_given_t
         device.disconnect()
         await elapse(3)
         assert link.reason.endswith("; it serves 1 client at once, and another one may hold the slot")
+
+
+@virtual
+async def test_what_is_to_be_done_before_a_connection_is_done_first_and_its_failure_is_the_reason() -> None:
+    device = MemoryDevice(peer="plc:502")
+    attempts = 0
+
+    async def prepare() -> None:
+        nonlocal attempts
+        attempts += 1
+        await elapse(0.5)
+        if attempts < 4:
+            raise ConnectFailed("plc", ConnectProblem.OTHER, "the way of the other machine is open")
+
+    link = Link(device.wire, name="lobby", prepare=prepare)
+    async with asyncio.TaskGroup() as group:
+        group.create_task(link.run())
+        await elapse(1.0)
+        with pytest.raises(LinkDown, match=r"no connection for .*: plc: the way of the other machine is open"):
+            await link.read(READ)
+        assert device.received == []
+        await link.wait_up()
+        assert attempts == 4
+        await link.close()
+
+
+@virtual
+async def test_a_link_that_is_closed_meanwhile_makes_no_connection() -> None:
+    device = MemoryDevice()
+
+    async def prepare() -> None:
+        await elapse(1.0)
+
+    link = Link(device.wire, name="lobby", prepare=prepare)
+    async with asyncio.TaskGroup() as group:
+        group.create_task(link.run())
+        await elapse(0.5)
+        await link.close()
+    assert (link.state, link.stats.connects) == (LinkState.DOWN, 0)

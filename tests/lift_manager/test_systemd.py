@@ -5,9 +5,6 @@ import configparser
 import logging
 import os
 import signal
-import socket
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,8 +20,9 @@ from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.runtime.site import Site
 from lift_manager.systemd import Notifier, notifier, report_to_systemd
 from tests.lift_manager.runtime.scripted import PLAIN, ScriptedDriver
-from tests.support.programs import HANGS_S, LIFT_MANAGER, OUT_WITHIN_S, ROOT, free_port, started
+from tests.support.programs import LIFT_MANAGER, OUT_WITHIN_S, ROOT, free_port, started
 from tests.support.rows import each_row
+from tests.support.systemd import Systemd, systemd_at
 from tests.support.virtual_time import elapse, run_virtual
 
 WATCHDOG_S = 4.0
@@ -32,39 +30,6 @@ PATIENCE_S = 10.0
 EVERY_TWO_SECONDS = (17, 18, 19)
 """So often within 36 seconds; what comes in the first or the last moment may count or not."""
 UNIT = ROOT / "deploy" / "systemd" / "lift-manager.service"
-
-
-class Systemd:
-    """The socket of a service manager."""
-
-    def __init__(self, address: str) -> None:
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind("\0" + address[1:] if address.startswith("@") else address)
-        self._socket.settimeout(HANGS_S)
-
-    def hear(self, within_s: float = HANGS_S) -> list[str]:
-        """One datagram, line by line."""
-        self._socket.settimeout(within_s)
-        return self._socket.recv(4096).decode().split("\n")
-
-    def heard(self) -> list[str]:
-        """Everything that has come by now."""
-        self._socket.settimeout(0)
-        lines: list[str] = []
-        while True:
-            try:
-                lines += self._socket.recv(4096).decode().split("\n")
-            except BlockingIOError:
-                return lines
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-@contextmanager
-def systemd_at(address: str) -> Iterator[Systemd]:
-    with closing(Systemd(address)) as systemd:
-        yield systemd
 
 
 class Hanging(ScriptedDriver):

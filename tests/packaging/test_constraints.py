@@ -18,11 +18,11 @@ RUN: list[str] = PROJECT["project"]["dependencies"]
 EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
 NEEDED = {
     "run": [*BUILD, *RUN],
-    "rmf": [*BUILD, *RUN, *EXTRAS["rmf"]],
+    "rmf": [*BUILD, *RUN, *EXTRAS["rmf"], *EXTRAS["hub"]],
     "hub": [*BUILD, *RUN, *EXTRAS["hub"]],
     "package": [*BUILD, *RUN, *EXTRAS["package"]],
     "dev": [*BUILD, *RUN, *EXTRAS["rmf"], *EXTRAS["hub"], *EXTRAS["dev"]],
-    "docs": PROJECT["dependency-groups"]["docs"],
+    **PROJECT["dependency-groups"],
 }
 PYTHONS = ("3.11", "3.12", "3.13")
 MACHINES = ("x86_64", "aarch64")

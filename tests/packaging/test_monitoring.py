@@ -1,17 +1,25 @@
-"""What dashboard and alert rules ask for is what a manager exports."""
+"""What dashboard and alert rules ask for is what a manager and a hub export."""
 
 import json
 import re
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
 import yaml
+from prometheus_client.parser import text_string_to_metric_families
 
 from drivers.model import Command, CommandKind, Outcome, Result
+from lift_manager.hub.metrics import HubMetrics
+from lift_manager.hub.remote_site import SiteState
+from lift_manager.hub.update.messages import Phase, Report
+from lift_manager.hub.update.rollout import Progress, Rollout, Target
 from lift_manager.lift.events import CommandEnded, SessionEnded, SessionOpened
 from lift_manager.lift.session import EndReason, Holder
+from tests.lift_manager.hub.fake import fake_hub
 from tests.lift_manager.metrics.measured import Rig, measured
 from tests.support.rows import each_row
 
@@ -26,6 +34,7 @@ FUNCTIONS = {
     *("and", "or"),
 }
 _MATCHERS = re.compile(r"([a-z_]\w*)\s*\{([^}]*)\}")
+_ON = re.compile(r"\bon \(instance\)")
 _BY = re.compile(r"\bby \(([^)]*)\)")
 _WORDS = re.compile(r"[a-zA-Z_]\w*")
 _STRINGS = re.compile(r'"[^"]*"')
@@ -48,7 +57,28 @@ def exported() -> dict[str, set[str]]:
             found[name] = {label for labels in of_name for label, _ in labels}
 
     measured(check)
-    return found
+    return found | exported_by_hub()
+
+
+def exported_by_hub() -> dict[str, set[str]]:
+    """The same of a hub."""
+    with TemporaryDirectory() as folder, fake_hub(Path(folder), "berlin") as hub:
+        hub.fakes["berlin"].report(behind=1)
+        hub.certificates = {"api": None}
+        report = Report(installed=7, phase=Phase.IDLE, text="", healthy=True)
+        rollout = Rollout(
+            id="r1",
+            number=8,
+            made_by="",
+            by="",
+            at=datetime.now(UTC),
+            canaries=(),
+            targets={"berlin": Target(size=1, sha256="")},
+        )
+        hub.roll_out(rollout, {"berlin": report})
+        body, _ = HubMetrics(hub, {"held": 1}).scrape("")
+    samples = [sample for family in text_string_to_metric_families(body.decode()) for sample in family.samples]
+    return {sample.name: set(sample.labels) for sample in samples}
 
 
 EXPORTED = exported()
@@ -79,7 +109,7 @@ def asks_for_what_is_exported(where: str, expression: str) -> None:
         assert metric in EXPORTED, where
         told = set(re.findall(r"(\w+)\s*[=!]~?", matchers))
         assert told <= EXPORTED[metric] | OF_PROMETHEUS, where
-    bare = _RANGES.sub("", _STRINGS.sub("", _BY.sub("", re.sub(r"\{[^}]*\}", "", expression))))
+    bare = _RANGES.sub("", _STRINGS.sub("", _BY.sub("", _ON.sub("", re.sub(r"\{[^}]*\}", "", expression)))))
     metrics = set(_WORDS.findall(bare)) - FUNCTIONS
     assert metrics, where
     assert metrics <= EXPORTED.keys(), where
@@ -108,7 +138,9 @@ def test_every_alert_says_what_is_wrong_and_what_to_do(rule: dict[str, Any]) -> 
     assert len(said["description"]) > 60
     kept = {label for group in _BY.findall(rule["expr"]) for label in _WORDS.findall(group)}
     for label in re.findall(r"\$labels\.(\w+)", said["summary"] + said["description"]):
-        metrics = set(_WORDS.findall(re.sub(r"\{[^}]*\}", "", rule["expr"]))) & EXPORTED.keys()
+        # what stands on the left decides which labels an alert has
+        left = rule["expr"].partition(" and on ")[0]
+        metrics = set(_WORDS.findall(re.sub(r"\{[^}]*\}", "", left))) & EXPORTED.keys()
         assert label in kept or (not kept and any(label in EXPORTED[name] | OF_PROMETHEUS for name in metrics))
 
 
@@ -120,8 +152,23 @@ def test_the_dashboard_can_be_imported_anywhere() -> None:
     assert len(ids) == len(set(ids))
 
 
-def test_the_example_scrapes_the_job_that_the_alerts_ask_for() -> None:
-    (job,) = yaml.safe_load((DEPLOY / "prometheus/scrape.yml").read_text("utf-8"))
-    assert job["job_name"] == "lift-manager"
-    assert any(f'job="{job["job_name"]}"' in rule["expr"] for rule in RULES)
-    assert job["authorization"] == {"type": "Bearer", "credentials_file": "/etc/prometheus/lift-manager.key"}
+def test_the_example_scrapes_the_jobs_that_the_alerts_ask_for() -> None:
+    jobs = yaml.safe_load((DEPLOY / "prometheus/scrape.yml").read_text("utf-8"))
+    assert [job["job_name"] for job in jobs] == ["lift-manager", "lift-manager-hub"]
+    for job in jobs:
+        name = job["job_name"]
+        assert any(f'job="{name}"' in rule["expr"] for rule in RULES)
+        assert job["authorization"] == {"type": "Bearer", "credentials_file": f"/etc/prometheus/{name}.key"}
+
+
+def test_a_rule_about_states_or_progress_names_one_that_there_is() -> None:
+    words = {"state": {state.value for state in SiteState}, "progress": {progress.value for progress in Progress}}
+    for label, values in words.items():
+        named = {
+            word
+            for rule in RULES
+            for found in re.findall(rf'lift_manager_hub\w+{{{label}=~?"([^"]*)"', rule["expr"])
+            for word in found.split("|")
+        }
+        assert named
+        assert named <= values

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
+from lift_manager.hub.folder import HubFolder
 from tests.support.programs import HANGS_S, ROOT, eventually, free_port, running
 from tests.support.rows import each_row
 
@@ -61,13 +62,13 @@ def maintainer_script(name: str, tmp_path: Path, *words: str, active: bool = Tru
     """Run a maintainer script for version 1.2-1 with programs that write down how they are called."""
     script = tmp_path / name
     text = (DEBIAN / name).read_text().replace("@PACKAGE@", "1.2-1")
-    # a computer with systemd and the folder of the state
-    text = text.replace("/run/systemd/system", str(tmp_path)).replace("/var/lib/lift-manager ", f"{tmp_path} ")
+    # a computer with systemd and the folders of the state
+    text = text.replace("/run/systemd/system", str(tmp_path)).replace("/var/lib/", f"{tmp_path}/lib/")
     script.write_text(text)
-    for program in ("systemctl", "adduser", "install", "getent"):
+    for program in ("systemctl", "adduser", "install", "getent", "chmod"):
         fake = tmp_path / program
         fake.write_text(
-            f'#!/bin/sh\necho "{program} $*" >>{tmp_path}/called\nexit {0 if active or program in ("adduser", "install") else 1}\n'
+            f'#!/bin/sh\necho "{program} $*" >>{tmp_path}/called\nexit {1 if not active and program in ("systemctl", "getent") else 0}\n'
         )
         fake.chmod(0o755)
     environment = {"PATH": f"{tmp_path}:/usr/bin:/bin"}
@@ -81,17 +82,48 @@ def called(tmp_path: Path, program: str) -> list[str]:
 def test_an_upgrade_leaves_a_manager_that_runs_alone_and_says_how_to_change_over(tmp_path: Path) -> None:
     done = maintainer_script("lift-manager.postinst", tmp_path, "configure", "1.1-1")
     assert done.returncode == 0, done.stderr
-    assert called(tmp_path, "systemctl") == ["systemctl --quiet is-active lift-manager.service"]
+    assert called(tmp_path, "systemctl") == [
+        f"systemctl --quiet is-active {name}.service" for name in ("lift-manager", "lift-manager-hub")
+    ]
+    assert "the hub that runs is still the one before" in done.stdout
     assert "1.2-1 is installed. The manager that runs is still the one before, and goes on" in done.stdout
     assert "lift-manager drain --all --by NAME --reason upgrade" in done.stdout
     # what debhelper adds neither stops nor starts anything
-    assert "dh_installsystemd --package=lift-manager --no-start --no-stop-on-upgrade" in (DEBIAN / "rules").read_text()
+    rules = (DEBIAN / "rules").read_text()
+    assert "dh_installsystemd --package=lift-manager --no-start --no-stop-on-upgrade lift-manager.service" in rules
 
 
-def test_a_first_installation_makes_the_user_and_starts_nothing(tmp_path: Path) -> None:
+def test_a_first_installation_makes_the_users_and_starts_nothing(tmp_path: Path) -> None:
     done = maintainer_script("lift-manager.postinst", tmp_path, "configure", "", active=False)
     assert "write /etc/lift-manager/site.yaml" in done.stdout
-    assert called(tmp_path, "systemctl") == ["systemctl --quiet is-active lift-manager.service"]
+    assert {line.split(" ", 1)[1] for line in called(tmp_path, "systemctl")} == {
+        f"--quiet is-active {name}.service" for name in ("lift-manager", "lift-manager-hub")
+    }
+    users = ["lift-manager", "lift-manager-hub", "lift-manager-leaf"]
+    assert [line.split()[-1] for line in called(tmp_path, "adduser")] == [*users, "lift-manager-filter"]
+    folders = [f"install -d -m 700 -o {user} -g {user} {tmp_path}/lib/{user}" for user in users]
+    assert called(tmp_path, "install") == folders
+
+
+def test_the_units_of_a_hub_and_a_cluster_are_in_the_package_and_a_person_enables_them(tmp_path: Path) -> None:
+    rules = (DEBIAN / "rules").read_text()
+    (listed,) = re.findall(r"^units := (.*)$", rules, re.MULTILINE)
+    assert {f"{name}.service" for name in (*listed.split(), "lift-manager")} == {
+        path.name for path in (DEPLOY / "systemd").iterdir()
+    }
+    assert "dh_installsystemd --package=lift-manager --name=$$unit --no-enable --no-start --no-stop-on-upgrade" in rules
+    (loop,) = re.findall(r"^\t(for unit in \$\(units\); do \\\n\t    sed .*?done)$", rules, re.DOTALL | re.MULTILINE)
+    command = loop.replace("\\\n", " ").replace("$$", "$").replace("$(units)", listed)
+    command = command.replace("$(place)", "/usr/lib/lift-manager/1.2-1")
+    shutil.copytree(DEPLOY / "systemd", tmp_path, dirs_exist_ok=True)
+    (tmp_path / "debian").mkdir()
+    subprocess.run(["sh", "-c", command], cwd=tmp_path, check=True)
+    made = {name: (tmp_path / "debian" / f"lift-manager.{name}.service").read_text() for name in listed.split()}
+    assert all(text.startswith("[Unit]\n") for text in made.values())
+    program = "/usr/lib/lift-manager/1.2-1/bin/python -I -m lift_manager"
+    assert f"\nExecStart={program} hub --folder /var/lib/lift-manager-hub\n" in made["lift-manager-hub"]
+    filtering = f"\nExecStart={program} cluster packet-filter /etc/lift-manager/site.yaml --user lift-manager\n"
+    assert filtering in made["lift-manager-packet-filter"]
 
 
 @contextmanager
@@ -210,8 +242,8 @@ def test_the_health_check_is_about_the_manager_and_not_about_its_controllers(tmp
         eventually(lambda: healthy(f"http://127.0.0.1:{port}/healthz").returncode == 0)
 
 
-def services() -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load((DEPLOY / "container" / "compose.yaml").read_text())["services"]
+def services(folder: str = "container") -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load((DEPLOY / folder / "compose.yaml").read_text())["services"]
     return found
 
 
@@ -251,3 +283,28 @@ def test_prometheus_of_compose_scrapes_what_the_manager_listens_on() -> None:
     assert job["static_configs"] == [{"targets": ["lift-manager:5003"]}]
     mounted = services()["prometheus"]["volumes"]
     assert any(volume.endswith(f":{job['authorization']['credentials_file']}:ro") for volume in mounted)
+
+
+HUB_FOLDER = DEPLOY / "container" / "hub"
+
+
+def test_the_containers_of_a_hub_can_write_its_folder_and_nothing_else() -> None:
+    for name, service in services("container/hub").items():
+        assert service["read_only"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert service["volumes"] == (["./hub:/hub"] if name == "hub" else ["./hub:/hub:ro"])
+        # on this computer alone, unless somebody says another address
+        assert all(re.match(r"127\.0\.0\.1:|\$\{LEAF_HOST:-127\.0\.0\.1\}:", port) for port in service["ports"]), name
+
+
+def test_the_hub_and_the_servers_of_compose_find_each_other(tmp_path: Path) -> None:
+    shutil.copy(HUB_FOLDER / "hub.yaml", tmp_path)
+    settings = HubFolder(tmp_path).settings().nats
+    servers = {name: service for name, service in services("container/hub").items() if name != "hub"}
+    assert [url.partition("://")[2] for url in settings.servers] == [f"{name}:4222" for name in servers]
+    routes = re.findall(r"tls://(\w+):6222", (DEPLOY / "nats" / "server.conf").read_text())
+    assert routes == list(servers)
+    assert {service["environment"]["NATS_NAME"] for service in servers.values()} == set(servers)
+    published = [port.rpartition("}:")[2] for service in servers.values() for port in service["ports"]]
+    assert published == [f"{address.rpartition(':')[2]}:7422" for address in settings.address]

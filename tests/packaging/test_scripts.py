@@ -329,13 +329,26 @@ def test_ci_installs_what_is_missing_and_runs_the_command_of_the_readme(ci_machi
     done = run_ci(ci_machine)
     assert done.returncode == 0, done.stderr
     assert ci_machine.lines("apt-get")[-1].endswith(
-        " python3 python3-venv curl mbpoll openssl stunnel4 strace chromium etcd-server etcd-client gcc libc6-dev python3-dev"
+        " python3 python3-venv curl mbpoll openssl stunnel4 strace chromium iproute2 nftables etcd-server etcd-client gcc libc6-dev python3-dev"
     )
     assert ci_machine.lines("tests") == ["tests 0"]
 
 
 def test_ci_asks_nothing_of_apt_when_everything_is_there(ci_machine: Machine) -> None:
-    for name in ("curl", "mbpoll", "openssl", "stunnel4", "strace", "tshark", "chromium", "etcd", "etcdctl", "cc"):
+    for name in (
+        "curl",
+        "mbpoll",
+        "openssl",
+        "stunnel4",
+        "strace",
+        "tshark",
+        "chromium",
+        "ip",
+        "nft",
+        "etcd",
+        "etcdctl",
+        "cc",
+    ):
         ci_machine.add(name, FAKE_TOOL)
     assert run_ci(ci_machine).returncode == 0
     assert ci_machine.lines("apt-get") == []

@@ -32,7 +32,9 @@ from tests.drivers.caller import Caller
 from tests.register_maps.golden.adam_io import ADAM_IO
 from tests.register_maps.golden.adam_pushbutton import ADAM_PUSHBUTTON
 from tests.register_maps.golden.generic_coils import GENERIC_COILS
+from tests.register_maps.golden.generic_coils_cluster import GENERIC_COILS_CLUSTER
 from tests.register_maps.golden.generic_registers import GENERIC_REGISTERS
+from tests.register_maps.golden.generic_registers_cluster import GENERIC_REGISTERS_CLUSTER
 from tests.register_maps.golden.moxa_e1211 import MOXA_E1211
 from tests.register_maps.golden.moxa_e1212 import MOXA_E1212
 from tests.register_maps.golden.moxa_e1214 import MOXA_E1214
@@ -53,7 +55,9 @@ GOLDEN = (
     ADAM_IO,
     ADAM_PUSHBUTTON,
     GENERIC_COILS,
+    GENERIC_COILS_CLUSTER,
     GENERIC_REGISTERS,
+    GENERIC_REGISTERS_CLUSTER,
     MOXA_E1211,
     MOXA_E1212,
     MOXA_E1214,

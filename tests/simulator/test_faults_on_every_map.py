@@ -1,11 +1,11 @@
 """Every fault of the registers on every shipped map: it shows in what is read or done, or a table says why it cannot."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from lift_manager.lab.plant import default_floors, simulated_lift
-from register_maps.codec import CommandCodec
+from register_maps.arbitration import ArbitrationCodec, Claim
+from register_maps.codec import CommandCodec, Point
 from register_maps.command_codec import payload_counts
 from simulator.faults import (
     ContradictingLimits,
@@ -41,12 +41,22 @@ class Rider:
         self.call = next(command for command in self.codec.commands.values() if command.is_call)
 
     def give(self, command: CommandCodec | None, code: int | None) -> None:
+        if command is not None and self.codec.arbitration is not None:
+            self.claim(self.codec.arbitration, command.encode(code))
+            return
         for point, value in command.encode(code).items() if command is not None else ():
             if value and command is not None and command.is_timed_coil:
                 self.lift.pulse(point.address, payload_counts(command.spec))
             else:
                 cell = self.lift.face.stored(point.table, point.address, self.lift.now)
                 self.lift.write(point.table, point.address, point.into(cell, value))
+
+    def claim(self, arbitration: ArbitrationCodec, values: dict[Point, int]) -> None:
+        """Write the whole block, in the same epoch again and again."""
+        block = self.codec.written[0][0]
+        cells = {cell: self.lift.face.cells[cell[1]][cell[2]] for cell in block.cells}
+        cells |= {point.cell: value for point, value in (arbitration.encode(Claim(1, 1)) | values).items()}
+        self.lift.write(block.table, block.start, *cells.values())
 
     def shown(self) -> tuple[object, ...]:
         """Every cell of every signal and command."""
@@ -81,16 +91,21 @@ TOLD_ONLY = (SaysWrongFloor(), FloorAhead(), ContradictingLimits(), FrozenRegist
 HEARD = (Stopped(), LostPress(), IgnoredWrites(), IgnoredWrites(stored=True))
 NO_POSITION = "it does not tell where the car is"
 NO_DOOR = "it does not tell how its door is"
+OBEYS_ONE = ("generic-registers-cluster", "generic-coils-cluster")
 ONE_BIT = "its door is one bit, and both values are words"
 OPEN_LIMITS = "its floor is the open limit of a door, and a moving car has none"
 NO_SIGNALS = ("adam-pushbutton", "moxa-e1211", "waveshare-relay")
-CANNOT_SHOW: Mapping[tuple[Fault, str], str] = {
+CANNOT_SHOW: dict[tuple[Fault, str], str] = {
     **{(SaysWrongFloor(), name): NO_POSITION for name in NO_SIGNALS},
     **{(FloorAhead(), name): NO_POSITION for name in NO_SIGNALS},
     (FloorAhead(), "seer-lps3-two-stop"): OPEN_LIMITS,
     **{(ContradictingLimits(), name): NO_DOOR for name in (*NO_SIGNALS, "thingweb-elevator")},
     **{(ContradictingLimits(), name): ONE_BIT for name in ("robotnik-il-eth", "seer-siemens-chengdu")},
-    **{(FrozenHeartbeat(), name): "it has no alive counter" for name in MAPS if name != "generic-registers"},
+    **{
+        (FrozenHeartbeat(), name): "it has no alive counter"
+        for name in MAPS
+        if not name.startswith("generic-registers")
+    },
 }
 """Why a fault makes no difference to what is read or done."""
 
@@ -102,6 +117,9 @@ def foreigners(name: str) -> tuple[RegisterFault, RegisterFault]:
     point, value = next(iter(hold.encode(min(rider.floors.values())).items()))
     cell = ForeignCell(point.table, point.address, point.into(0, value), every_s=0.7)
     return ForeignWriter(rider.call.name, floor=0, every_s=0.7), cell
+
+
+CANNOT_SHOW |= {(fault, name): "it obeys no write without an epoch" for name in OBEYS_ONE for fault in foreigners(name)}
 
 
 @each_row("name", MAPS)

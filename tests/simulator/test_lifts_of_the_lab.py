@@ -201,6 +201,16 @@ def lines_of(codec: Codec) -> list[str]:
             "generic-registers",
             "mbpoll -m tcp -a 1 -p 5020 -0 -t 4 -r 17 127.0.0.1 1   # hold_door.front, falls 3 s after the last write",
         ),
+        # a lift that obeys no write without an epoch: all of it in one
+        (
+            "generic-registers-cluster",
+            "mbpoll -m tcp -a 1 -p 5020 -0 -t 4 -r 16 127.0.0.1 0 0 1 0 1 0 0   # hold_door.front, falls 8 s after the last write; in epoch 1",
+        ),
+        (
+            "generic-registers-cluster",
+            "mbpoll -m tcp -a 1 -p 5020 -0 -t 4 -r 16 127.0.0.1 0 0 1 4 0 1 0   # go_to L4, only while robot_mode_on is on; in epoch 1",
+        ),
+        ("generic-registers-cluster", "mbpoll -m tcp -a 1 -p 5020 -0 -t 4 -r 16 127.0.0.1 0 0 1 0 0 1 0   # releases it"),
     ],
 )  # fmt: skip
 def test_a_line_gives_what_it_says(name: str, line: str) -> None:
@@ -258,7 +268,12 @@ async def refused(modbus: AsyncModbusTcpClient, line: str) -> bool:
             4: modbus.read_holding_registers,
         }[table]
         return (await read(address, count=option["-c"], device_id=unit)).isError()
-    value = int(words[-1])
+    values = [int(word) for word in words[words.index("127.0.0.1") + 1 :]]
+    if len(values) > 1 and table == 0:
+        return (await modbus.write_coils(address, list(map(bool, values)), device_id=unit)).isError()
+    if len(values) > 1:
+        return (await modbus.write_registers(address, values, device_id=unit)).isError()
+    (value,) = values
     if table == 0:
         return (await modbus.write_coil(address, bool(value), device_id=unit)).isError()
     return (await modbus.write_register(address, value, device_id=unit)).isError()

@@ -1,6 +1,5 @@
 """Car and doors: they move as a lift does, and the interlocks hold whatever is ordered."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -68,7 +67,7 @@ def test_the_last_centimetres_are_travelled_at_creep_speed() -> None:
 
 
 def test_a_correction_of_a_centimetre_is_made_at_no_more_than_creep_speed() -> None:
-    below = replace(shaft.at_floor(1, BUILDING), position_m=HEIGHTS[1] - 0.01)
+    below = shaft.at_floor(1, BUILDING)._replace(position_m=HEIGHTS[1] - 0.01)
     assert shaft.level_floor(below, BUILDING) is None
     run = samples(below, to(1), 2)
     assert 0 < max(state.speed_m_s for state in run) <= 0.1

@@ -12,8 +12,8 @@ from lift_manager.cluster.errors import EtcdError
 from lift_manager.cluster.etcd import Etcd, read
 from tests.support.programs import eventually, free_port
 
-FAST = ("--heartbeat-interval=50", "--election-timeout=500")
-"""What docs/explanation/cluster.md recommends: a new leader within half a second."""
+FAST = ("--heartbeat-interval=50", "--election-timeout=500", "--pre-vote")
+"""What docs/how-to/two-managers.md recommends: a new leader within half a second, and none because a member comes back."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ class MemoryEtcd(Etcd):
         self.revision = 1
         self.lose: Iterator[str] = iter(())
         """For each transaction: "" for nothing, "request" or "answer"; once it ends, nothing is lost any more."""
+        self.has_majority = True
+        """Without one only what the member itself has can be read."""
         self.newest: tuple[Sequence[Json], Sequence[Json]] = ((), ())
         """What the newest transaction compared and wrote, or would have."""
 
@@ -25,6 +27,9 @@ class MemoryEtcd(Etcd):
         lost = next(self.lose, "")
         if lost == "request":
             raise EtcdUnavailable("the request was lost")
+        is_local = not compare and all(one.get("request_range", {}).get("serializable") for one in then)
+        if not self.has_majority and not is_local:
+            raise EtcdUnavailable("there is no leader")
         if max(len(then), len(otherwise), len(compare)) > 128:
             raise EtcdRefused("too many operations in txn request")
         succeeded = all(self._is_true(comparison) for comparison in compare)

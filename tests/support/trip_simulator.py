@@ -8,6 +8,7 @@ from functools import cache
 from lift_manager.lab.plant import simulated_lift
 from register_maps import frames
 from register_maps.address import space
+from register_maps.arbitration import NO_CLAIM, claim_alone
 from register_maps.codec import Cell, Point
 from register_maps.command_codec import payload_counts
 from register_maps.errors import BadRequest
@@ -133,6 +134,9 @@ def foreign_writes(site: Site, exchanges: Iterable[Exchange]) -> list[str]:
     known: dict[Cell, list[tuple[Point, set[int]]]] = {
         cell: [] for block, _, _ in site.codec.written for cell in block.cells
     }
+    if (arbitration := site.codec.arbitration) is not None:
+        for point, value in arbitration.encode(claim_alone(NO_CLAIM)).items():
+            known[point.cell].append((point, {value}))
     durations: set[int | None] = {None}
     for command in site.codec.commands.values():
         codes = tuple(site.floors.values()) if command.is_call else (1,)

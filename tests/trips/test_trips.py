@@ -16,6 +16,7 @@ from drivers.modbus.writes import block_write, timed_pulse
 from drivers.model import Command, CommandKind, Proof
 from lift_manager.lift.observation import RobotDoor
 from register_maps import frames
+from register_maps.arbitration import NO_CLAIM, claim_alone
 from register_maps.codec import compile_map
 from register_maps.frames import Request
 from register_maps.load import load, shipped
@@ -330,6 +331,8 @@ def test_both_answer_for_the_same_addresses_and_refuse_all_others_alike(name: st
 def every_write(site: Site) -> Iterator[tuple[str, Request]]:
     """Give and take back every command of a map, to every floor: the device, and what is written to it by one write."""
     image = {cell: 0 for command in site.codec.commands.values() for block in command.blocks for cell in block.cells}
+    claim = {} if site.codec.arbitration is None else site.codec.arbitration.encode(claim_alone(NO_CLAIM))
+    image |= {point.cell: value for point, value in claim.items()}
     for command in site.codec.commands.values():
         codes = site.floors.values() if command.is_call else (1,)
         # what the device ends by itself is never taken back

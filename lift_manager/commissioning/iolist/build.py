@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from lift_manager.commissioning.iolist.model import IoList, LiftList
 from lift_manager.commissioning.iolist.points import io_points
 from lift_manager.commissioning.maps_list import at_floor, fire
-from lift_manager.commissioning.wording import one_line
+from lift_manager.commissioning.wording import arbitration, one_line
 from lift_manager.config.devices import Device, devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Lift
@@ -74,6 +74,10 @@ def _facts(
         cycle = "" if every_s is None else f", every {every_s:g} s"
         last = block.start + block.count - 1
         yield "Written as a whole", f"{block.table} {block.start} to {last} on the wire, FC{function:02}{cycle}"
+    if carried := arbitration(codec):
+        yield "Each write carries", carried
+    if source.watchdog_s is not None:
+        yield "Its watchdog runs out", f"{source.watchdog_s:g} s after the last write"
 
 
 def _floors(lift: Lift) -> Iterator[str]:

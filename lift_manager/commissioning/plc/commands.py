@@ -1,7 +1,8 @@
 """Writes the half of the program that carries out commands: from the cells that the manager writes to the buttons of the lift.
 
 A rewritten 1 looks the same as an old one, so the program detects a refresh only if it clears the cell after reading it. It clears the
-request for robot mode at once and takes each one as the manager's sign of life.
+request for robot mode at once and takes each one as the manager's sign of life. Where each write carries a claim, it takes that out
+instead (`arbitration.py`): each write that counts renews everything that it says.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lift_manager.commissioning.plc import cells
+from lift_manager.commissioning.plc.arbitration import claim_part, keep_part
 from lift_manager.commissioning.plc.requirements import watchdog_s
 from lift_manager.commissioning.plc.signals import Part
 from lift_manager.commissioning.plc.terminals import GUARDS
@@ -17,19 +19,32 @@ from register_maps.codec import Codec, CommandCodec
 
 def command_part(codec: Codec, floor_codes: Sequence[int]) -> Iterator[tuple[str, Part]]:
     """Yield the parts that carry out the commands of the map, each with a heading."""
+    if codec.arbitration is not None:
+        yield (
+            "Which manager counts: that of the highest epoch so far. Any other write is undone.",
+            claim_part(codec, codec.arbitration),
+        )
     yield "May robots use the lift at all? A broken wire reads as no.", _guards()
-    yield "The request for robot mode is the manager's sign of life; each one counts for a while.", _robot_mode(codec)
+    if codec.arbitration is None:
+        yield (
+            "The request for robot mode is the manager's sign of life; each one counts for a while.",
+            _robot_mode(codec),
+        )
+    else:
+        yield "Each write that counts is the manager's sign of life, for a while.", _robot_mode_of_claims(codec)
     hold = codec.commands.get("hold_door.front")
     if hold is not None:
         yield (
             "Door hold: as long as it is written, and never longer than its limit without being written again.",
-            _hold(codec),
+            _hold(codec) if codec.arbitration is None else _hold_of_claims(codec),
         )
     close = codec.commands.get("close_door.front")
     if close is not None:
         yield "Close button: one press, never against a hold or an obstruction.", _close(codec, close)
     yield "Calls: one press per call, however long the manager leaves it there.", _calls(codec, floor_codes)
     yield "Without robot mode no command is kept.", _clear(codec)
+    if codec.arbitration is not None:
+        yield "What counts until the next write.", keep_part(codec)
 
 
 def _guards() -> Part:
@@ -50,6 +65,23 @@ def _robot_mode(codec: Codec) -> Part:
             "RobotModeOn := RobotMode AND RobotModeGranted;",
         ),
     )
+
+
+def _robot_mode_of_claims(codec: Codec) -> Part:
+    command = codec.commands["robot_mode"]
+    return Part(
+        ("Alive : TOF;", "RobotModeOn : BOOL;"),
+        (
+            f"Alive(IN := Obeyed, PT := {cells.seconds(watchdog_s(codec))});",
+            f"RobotMode := Alive.Q AND MayRun AND {_is_pressed(command)};",
+            "RobotModeOn := RobotMode AND RobotModeGranted;",
+        ),
+    )
+
+
+def _hold_of_claims(codec: Codec) -> Part:
+    command = codec.commands["hold_door.front"]
+    return Part((), (f"DoorOpenButton := {_allowed(command)} AND {_is_pressed(command)};",))
 
 
 def _hold(codec: Codec) -> Part:

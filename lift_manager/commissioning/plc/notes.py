@@ -57,6 +57,11 @@ def header(codec: Codec, floors: Mapping[str, int]) -> Iterator[str]:
         "most. Its inputs and outputs are the PLC's digital ones (%I and %Q), wired as in the wiring sheet. Retain "
         "neither the instance nor the arrays over a restart."
     )
+    retained = (
+        "Declare ObeyedEpochHigh, ObeyedEpochLow and ObeyedOwner, which are passed in, in retained memory (VAR RETAIN; in TwinCAT VAR "
+        "PERSISTENT; in an S7 a data block with retain): without them, after a loss of power the program might obey a manager that was "
+        "replaced. Set them to 0 only together with an etcd that begins anew."
+    )
     silence = (
         f"When the manager is silent for {watchdog_s(codec):g} s, every output falls and every command cell is cleared. "
         "The program takes commands out of their cells, so it must be able to write where the manager writes."
@@ -67,7 +72,8 @@ def header(codec: Codec, floors: Mapping[str, int]) -> Iterator[str]:
         "name (S7), write the array itself in its place."
     )
     connected = (f"{name}: {text}" for name, text in platforms(codec).items())
-    paragraphs = [purpose, use_it, silence, f"Floors, lowest first: {listed}.", arrays, *connected]
+    kept = [] if codec.arbitration is None else [retained]
+    paragraphs = [purpose, use_it, *kept, silence, f"Floors, lowest first: {listed}.", arrays, *connected]
     for paragraph in paragraphs:
         yield from _wrapped(paragraph.encode("ascii", "replace").decode().replace("(*", "( *").replace("*)", "* )"))
         yield ""

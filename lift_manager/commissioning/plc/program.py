@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from lift_manager.commissioning.plc import cells, notes, requirements
+from lift_manager.commissioning.plc import arbitration, cells, notes, requirements
 from lift_manager.commissioning.plc.commands import command_part
 from lift_manager.commissioning.plc.signals import Part, signal_part
 from lift_manager.commissioning.plc.terminals import Terminal, inputs, outputs
@@ -46,7 +46,7 @@ def structured_text(codec: Codec, floors: Mapping[str, int]) -> str:
         # one block for each type: TwinCAT accepts no more
         *(line for area in cells.areas(codec) for line in ("TYPE", f"  {area.type_declaration}", "END_TYPE", "")),
         f"FUNCTION_BLOCK {cells.BLOCK}",
-        *_areas(codec),
+        *_passed_in(codec),
         *_variables("VAR_INPUT", map(_declared, inputs(codec, names))),
         *_variables("VAR_OUTPUT", map(_declared, outputs(codec, names))),
         *_variables("VAR", (line for _, part in sections for line in part.declarations)),
@@ -56,11 +56,13 @@ def structured_text(codec: Codec, floors: Mapping[str, int]) -> str:
     return "\n".join([*lines, "END_FUNCTION_BLOCK", ""])
 
 
-def _areas(codec: Codec) -> Iterator[str]:
-    """Yield the declaration of one array per table. The program writes to all of them, as it also clears commands."""
-    yield from _variables(
-        "VAR_IN_OUT", (f"{area.declaration}  {cells.comment(notes.use(area))}" for area in cells.areas(codec))
-    )
+def _passed_in(codec: Codec) -> Iterator[str]:
+    """Yield the declaration of one array per table, and of what is retained.
+
+    The program writes to all of them, as it also clears commands.
+    """
+    declared = [f"{area.declaration}  {cells.comment(notes.use(area))}" for area in cells.areas(codec)]
+    yield from _variables("VAR_IN_OUT", [*declared, *(arbitration.retained() if codec.arbitration else ())])
 
 
 def _declared(terminal: Terminal) -> str:

@@ -17,6 +17,7 @@ SIGNALS = frozenset(
         *("alive", "car_floor", "destination", "call_accepted", "motion", "mode", "door.front", "obstruction.front"),
         *("fire", "inspection", "independent", "out_of_service", "emergency_power"),
         *("level", "overload", "robot_mode_on", "robots_allowed"),
+        *("epoch", "owner"),
     }
 )
 COMMANDS = ("go_to", "hold_door.front", "close_door.front", "robot_mode")
@@ -44,7 +45,7 @@ def check(codec: Codec, floors: Mapping[str, int]) -> None:
 
 def watchdog_s(codec: Codec) -> float:
     """Return how long the manager may be silent before all commands fall."""
-    return WATCHDOG_REFRESHES * (codec.commands["robot_mode"].spec.refresh_s or 0.0)
+    return codec.map.watchdog_s or WATCHDOG_REFRESHES * (codec.commands["robot_mode"].spec.refresh_s or 0.0)
 
 
 def _check_map(codec: Codec) -> Iterator[str]:
@@ -64,7 +65,7 @@ def _check_map(codec: Codec) -> Iterator[str]:
         yield from _check_command(command)
     yield from _check_robot_mode(codec)
     hold = codec.commands.get("hold_door.front")
-    if hold is not None:
+    if hold is not None and codec.arbitration is None:
         yield from _check_hold(hold, watchdog_s(codec))
     fire = codec.signals.get("fire")
     if fire is None or fire.decode(0) is not True:

@@ -52,6 +52,12 @@ _PAIRS: Mapping[Kind, tuple[Door | Motion, str, str]] = {
 _BEAT_S = 0.5
 """The period of the alive counter. Chosen: several counts within any `must_change_within_s` that a map may require."""
 
+OBEYED: Mapping[str, Sequence[str]] = {
+    "epoch": ("ObeyedEpochLow", "ObeyedEpochHigh"),
+    "owner": ("ObeyedOwner",),
+}
+"""The words that say whom the program obeys, the lowest first; the caller retains them without power."""
+
 Cases = Sequence[tuple[str, int]]
 """Conditions with the raw integers to report; the first condition that holds counts."""
 
@@ -147,6 +153,8 @@ def _signal(signal: SignalCodec, floor_codes: Sequence[int]) -> Part:
         case Kind.FLAG:
             variable, when = _FLAGS[signal.name]
             return Part((), tuple(_flag(signal, variable, when=when)))
+        case Kind.NUMBER:
+            return Part((), tuple(_obeyed(signal)))
         case Kind.FLOOR:
             variable = {"car_floor": "FloorHere" if len(signal.points) > 1 else "FloorLast"}.get(
                 signal.name, "CallAccepted"
@@ -160,6 +168,16 @@ def _signal(signal: SignalCodec, floor_codes: Sequence[int]) -> Part:
         case _:
             words = _MOTIONS if signal.kind is Kind.MOTION else _MODES
             return Part((), tuple(_chain(signal, _listed(signal, words))))
+
+
+def _obeyed(signal: SignalCodec) -> Iterator[str]:
+    words = OBEYED[signal.name]
+    if signal.points[0].table not in BIT_TABLES:
+        yield from (f"{cells.cell(point)} := {word};" for point, word in zip(signal.points, words, strict=True))
+        return
+    for position, point in enumerate(signal.points):
+        mask = f"16#{1 << position % 16:04X}"
+        yield f"{cells.cell(point)} := (({words[position // 16]} AND {mask}) = {mask});"
 
 
 def _doors(signal: SignalCodec) -> Sequence[tuple[Door, str]]:

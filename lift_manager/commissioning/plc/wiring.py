@@ -9,7 +9,7 @@ from lift_manager.commissioning.plc.notes import platforms, use
 from lift_manager.commissioning.plc.requirements import watchdog_s
 from lift_manager.commissioning.plc.terminals import Contact, Terminal, inputs, outputs
 from register_maps.codec import Codec, CommandCodec, SignalCodec
-from register_maps.schema import Command, Signal
+from register_maps.schema import Command, Kind, Signal
 from register_maps.words import BIT_TABLES, READ_FUNCTION
 
 
@@ -92,6 +92,21 @@ def _points(codec: Codec) -> Iterator[tuple[str, ...]]:
     for signal in codec.signals.values():
         function = f"FC{READ_FUNCTION[signal.points[0].table]:02}"
         yield (signal.name, _printed(codec, signal), _wire(signal), function, _meaning(codec, signal))
+    if (claim := codec.map.arbitration) is not None and codec.arbitration is not None:
+        for name, address, points in (
+            ("owner of a write", claim.owner, codec.arbitration.owner),
+            ("epoch of a write", claim.epoch, codec.arbitration.epoch),
+        ):
+            table, places = points[0].table, sorted(point.address for point in points)
+            last = "" if len(places) == 1 else f" to {places[-1]}"
+            functions = f"FC{codec.written[0][1]:02}, FC{READ_FUNCTION[table]:02}"
+            yield (
+                name,
+                address,
+                f"{places[0]}{last}",
+                functions,
+                "written with every command, and taken out by the program",
+            )
     for command in codec.commands.values():
         read = READ_FUNCTION[command.points[0].table]
         functions = ", ".join(dict.fromkeys(f"FC{number:02}" for number in (*command.functions, read)))
@@ -113,6 +128,8 @@ def _meaning(codec: Codec, signal: SignalCodec) -> str:
     if spec.as_ is not None:
         coded = ["the code of a floor", *(["in BCD"] if spec.code == "bcd" else []), *_bytes(spec)]
         return ", ".join([*coded, *special])
+    if signal.kind is Kind.NUMBER:
+        return {"epoch": "the highest epoch that was obeyed", "owner": "the machine whose it is"}[signal.name]
     if spec.active == "low":
         return f"0 = {signal.name}"
     return {"floor": "one bit per floor", "counter": "counts up", "flag": f"1 = {signal.name}"}.get(
@@ -144,6 +161,9 @@ def _trials(codec: Codec) -> Iterator[str]:
     yield "Turn the key RobotsAllowed off: robot mode ends, and a call does nothing."
     yield f"Pull the network cable in robot mode: after {watchdog_s(codec):g} s all outputs have fallen."
     yield "Call each floor once: its lamp lights once, however long the call is left standing."
+    if codec.arbitration is not None:
+        yield "Switch the PLC off and on: it shows the same epoch and owner as before."
+        yield "Let the other manager take over (`lift-manager handover`): the epoch rises by one, and no output falls."
     alive = codec.signals.get("alive")
     if alive is not None:
         limit_s = codec.map.signals["alive"].must_change_within_s

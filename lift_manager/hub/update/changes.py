@@ -26,7 +26,14 @@ def own_files(loaded: LoadedSite) -> Iterator[tuple[str, str]]:
         yield "state", site.state
     if site.hub is not None:
         yield "hub.password", site.hub.password
-    parts = {"api.tls": site.api.tls, **{f"controllers.{name}.tls": one.tls for name, one in site.controllers.items()}}
+    parts: dict[str, object] = {
+        "api.tls": site.api.tls,
+        **{f"controllers.{name}.tls": one.tls for name, one in site.controllers.items()},
+    }
+    if (cluster := site.cluster) is not None:
+        parts["cluster.tls"] = cluster.tls
+        programs = {controller: fence.command[0] for controller, fence in cluster.fence.items()}
+        yield from ((f"cluster.fence.{name}.command", one) for name, one in programs.items() if os.sep in one)
     for place, part in parts.items():
         if part is not None:
             for key in ("certificate", "key", "ca", "client_ca"):

@@ -183,8 +183,22 @@ class UpdateFiles:
             replace_file(path, data)
 
 
+@dataclass(frozen=True, slots=True)
+class SiteUpdate:
+    """How a site stands with configuration updates."""
+
+    status: SiteStatus
+    rollout: Rollout | None
+    """The newest roll-out; None if it is not for this site."""
+
+    @property
+    def progress(self) -> Progress | None:
+        """How far the site is with it."""
+        return None if self.rollout is None else progress(self.rollout, self.status)
+
+
 class Desk:
-    """Replies to sites. Not for several threads at once; `now` is in monotonic seconds."""
+    """Replies to sites. Not for several threads at once, but for `update_of`; `now` is in monotonic seconds."""
 
     def __init__(self, files: UpdateFiles) -> None:
         self._files = files
@@ -192,10 +206,16 @@ class Desk:
         self._rollout: Rollout | None = None
         self._sites: dict[str, SiteStatus] = {}
 
+    def update_of(self, site: str) -> SiteUpdate:
+        """Return how a site stands; from memory, and from any thread."""
+        rollout = self._rollout
+        is_for_it = rollout is not None and site in rollout.targets
+        return SiteUpdate(self._sites.get(site, SiteStatus()), rollout if is_for_it else None)
+
     def offer(self, site: str, data: bytes, now: float) -> tuple[Offer, list[Happened]]:
         """Take a report, and return what is offered to its site, and what has happened. Raises ValidationError and UpdateRefused."""
         report = Report.model_validate_json(data)
-        self._refresh()
+        self.refresh()
         rollout, before = self._rollout, self._sites.get(site, SiteStatus())
         self._sites[site] = known = reported(before, report, rollout, now)
         if rollout is None:
@@ -225,8 +245,8 @@ class Desk:
             raise UpdateRefused(f"update {request.number} is not offered to {site}")
         return self._files.part(site, request.number, request.at)
 
-    def _refresh(self) -> None:
-        """Read the roll-out again after a person has changed it. Another one begins with what is known of the sites."""
+    def refresh(self) -> None:
+        """Read the roll-out again after a person has changed it. Another one begins with what is known of the sites. Raises UpdateRefused."""
         changed_at = self._files.changed_at()
         if changed_at == self._changed_at:
             return
@@ -235,7 +255,7 @@ class Desk:
         if is_first:
             self._sites = {site: SiteStatus(report) for site, report in self._files.reports().items()}
         elif before is None or self._rollout is None or before.id != self._rollout.id:
-            self._sites = {site: SiteStatus(one.report) for site, one in self._sites.items()}
+            self._sites = {site: SiteStatus(one.report, one.at) for site, one in self._sites.items()}
 
 
 def standing(rollout: Rollout, reports: Mapping[str, Report]) -> list[SiteProgress]:

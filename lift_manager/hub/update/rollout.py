@@ -88,7 +88,8 @@ class SiteStatus:
     """What the hub knows of a site. Times are monotonic seconds of the hub."""
 
     report: Report | None = None
-    at: float = 0.0
+    at: float | None = None
+    """When it reported; None if that was before the hub was started."""
     healthy_since: float | None = None
     """Since when it has reported without a pause that it runs well by the update."""
     offered: bool = False
@@ -101,7 +102,7 @@ def reported(before: SiteStatus, report: Report, rollout: Rollout | None, now: f
     )
     since = None
     if is_well:
-        went_on = before.healthy_since is not None and now - before.at <= SILENT_S
+        went_on = before.healthy_since is not None and not _is_silent(before, now)
         since = before.healthy_since if went_on else now
     return replace(before, report=report, at=now, healthy_since=since)
 
@@ -141,9 +142,13 @@ def lacking(rollout: Rollout, sites: Mapping[str, SiteStatus], now: float) -> It
     """Yield what the canaries still lack, for people."""
     for site in rollout.canaries:
         known = sites.get(site, SiteStatus())
-        well_s = 0.0 if known.healthy_since is None or now - known.at > SILENT_S else now - known.healthy_since
+        well_s = 0.0 if known.healthy_since is None or _is_silent(known, now) else now - known.healthy_since
         if well_s < rollout.healthy_s:
             yield f"{site} has run well by it for {well_s / 60:.0f} of {rollout.healthy_s / 60:.0f} minutes"
+
+
+def _is_silent(known: SiteStatus, now: float) -> bool:
+    return known.at is None or now - known.at > SILENT_S
 
 
 def failure(rollout: Rollout, site: str, known: SiteStatus) -> str:

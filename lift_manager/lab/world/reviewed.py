@@ -89,6 +89,22 @@ REVIEWED: Mapping[str, Row] = {
             proofs=_GENERIC,
         ),
     ),
+    "generic-coils-cluster": Row(
+        "call_accepted car_floor door.front emergency_power epoch fire independent inspection level motion obstruction.front"
+        " out_of_service overload owner robot_mode_on robots_allowed | close_door.front go_to hold_door.front robot_mode",
+        MapEvidence(
+            modes=ALL_MODES,
+            floor_by=FloorEvidence.SWITCH,
+            robot_mode=True,
+            bars=frozenset({"robots_allowed"}),
+            proofs=_GENERIC,
+        ),
+    ),
+    "generic-registers-cluster": Row(
+        "alive call_accepted car_floor destination door.front epoch fire level mode motion obstruction.front overload owner"
+        " robot_mode_on | close_door.front go_to hold_door.front robot_mode",
+        MapEvidence(modes=ALL_MODES, beats_within_s=3.0, robot_mode=True, proofs=_GENERIC),
+    ),
     "generic-registers": Row(
         "alive call_accepted car_floor destination door.front fire level mode motion obstruction.front overload robot_mode_on"
         " | close_door.front go_to hold_door.front robot_mode",

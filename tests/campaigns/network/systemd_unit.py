@@ -1,4 +1,4 @@
-"""systemd's own checker reads the unit file, alone and with the drop-in that a site makes."""
+"""systemd's own checker reads the unit files, and that of the manager with the drop-in that a site makes."""
 
 import re
 import subprocess
@@ -12,7 +12,14 @@ from tests.support.programs import ROOT
 
 pytestmark = pytest.mark.external("systemd-analyze")
 
-UNIT = ROOT / "deploy" / "systemd" / "lift-manager.service"
+UNITS = ROOT / "deploy" / "systemd"
+UNIT = UNITS / "lift-manager.service"
+OTHERS = [
+    "lift-manager-hub.service",
+    "lift-manager-nats.service",
+    "lift-manager-leaf.service",
+    "lift-manager-packet-filter.service",
+]
 
 
 def unit(folder: Path, *, drop_in: bool) -> Path:
@@ -24,6 +31,13 @@ def unit(folder: Path, *, drop_in: bool) -> Path:
         made = printed(ROOT / "examples" / "two-endpoints.yaml", "--systemd", "--clients", "10.0.0.0/24")
         (folder / f"{UNIT.name}.d" / "network.conf").write_text(made, "utf-8")
     return path
+
+
+def other_unit(name: str, folder: Path) -> Path:
+    """The unit of a hub, of a NATS server, or of a packet filter, with programs that are there."""
+    text = (UNITS / name).read_text("utf-8").replace("/opt/lift-manager/bin/python", sys.executable)
+    (folder / name).write_text(text.replace("=nats-server", f"={sys.executable}"), "utf-8")
+    return folder / name
 
 
 def analyze(*words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -42,6 +56,15 @@ def exposure(path: Path) -> str:
 def test_systemd_finds_nothing_wrong_with_the_unit(drop_in: bool, tmp_path: Path) -> None:
     done = analyze("verify", "--man=no", unit(tmp_path, drop_in=drop_in))
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_systemd_finds_nothing_wrong_with_the_other_units(name: str, tmp_path: Path) -> None:
+    path = other_unit(name, tmp_path)
+    done = analyze("verify", "--man=no", path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    of = "this" if name == "lift-manager-packet-filter.service" else "a hub"
+    assert f"the exposure of {of} {exposure(path)}, " in (ROOT / "deploy" / "README.md").read_text("utf-8")
 
 
 def test_a_word_that_systemd_does_not_know_is_found(tmp_path: Path) -> None:

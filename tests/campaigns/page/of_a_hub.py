@@ -36,7 +36,6 @@ def test_an_operator_of_a_hub_needs_nothing_but_a_keyboard(tmp_path: Path) -> No
                 await tab.press("Enter")
                 await tab.sees("rome is switched off.")
                 assert await tab.value(f"{ACTIVE}.innerText") == "rome is switched off."
-                hub.follow()
                 await tab.sees("This site is switched off")
                 await tab.value("history.back()")
                 await tab.until(f"{ACTIVE}.dataset.site === 'rome'")

@@ -1,16 +1,24 @@
 """The client against real members of etcd: what it reads and writes, and what it reports when members are gone."""
 
+import asyncio
+import itertools
 import socket
 import ssl
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from lift_manager.cluster.connect import etcd_of
+from lift_manager.cluster.certificates import EtcdCertificates
+from lift_manager.cluster.connect import certificates_of, etcd_of
+from lift_manager.cluster.content import Place, encode_key
 from lift_manager.cluster.errors import EtcdRefused, EtcdUnavailable
 from lift_manager.cluster.etcd import Etcd, has_revision, has_value, put, read, read_all, remove_upto
+from lift_manager.cluster.member import Member
+from lift_manager.cluster.term import Key
 from lift_manager.config.site import Cluster
+from tests.support.certificates import Authority
 from tests.support.etcd import Certificates, Members, answers, etcd_members
 from tests.support.memory_etcd import MemoryEtcd
 from tests.support.programs import eventually
@@ -112,6 +120,8 @@ def test_three_members_go_on_without_their_leader_and_answer_nothing_without_a_m
         for _ in range(6):
             with pytest.raises(EtcdUnavailable):
                 etcd.transact([], [read("/key")])
+        own = etcd.transact([], [read("/key", local=True), read_all("/k", local=True)]).ranges
+        assert [[entry.value for entry in entries] for entries in own] == [[b"after"], [b"after"]]
         members.start(other)
         answers(members)
         (found,) = eventually(lambda: _read(etcd))
@@ -126,36 +136,99 @@ def _read(etcd: Etcd) -> list[bytes] | None:
         return None
 
 
-def test_only_a_certificate_of_the_same_authority_is_admitted(tmp_path: Path) -> None:
-    import trustme
+def issue(authority: Authority, folder: Path, name: str) -> Certificates:
+    """Issue a certificate for a member or a manager on the loopback, over one of the same name, as a renewal does."""
+    shown = authority.issue(name, "127.0.0.1")
+    ca = shown.certificate.with_name(f"{name}-ca.pem")
+    ca.write_bytes(authority.file.read_bytes())
+    return Certificates(ca, shown.certificate, shown.key)
 
-    files = {}
-    for name in ("ours", "others"):
-        ca, issued = trustme.CA(), None
-        issued = ca.issue_cert("127.0.0.1")
-        (tmp_path / f"{name}-ca.pem").write_bytes(ca.cert_pem.bytes())
-        (tmp_path / f"{name}.pem").write_bytes(b"".join(blob.bytes() for blob in issued.cert_chain_pems))
-        (tmp_path / f"{name}.key").write_bytes(issued.private_key_pem.bytes())
-        files[name] = Certificates(tmp_path / f"{name}-ca.pem", tmp_path / f"{name}.pem", tmp_path / f"{name}.key")
+
+def manager_with(members: Members, own: Certificates) -> tuple[Etcd, EtcdCertificates]:
+    tls = {"ca": str(own.ca), "certificate": str(own.certificate), "key": str(own.key)}
+    machines = {"north": {"address": "http://10.0.0.1:5003"}}
+    cluster = Cluster.model_validate({"machines": machines, "etcd": members.urls, "tls": tls})
+    certificates = certificates_of(cluster, own.ca.parent)
+    assert certificates is not None
+    etcd = etcd_of(cluster, certificates, timeout_s=5.0)
+    eventually(lambda: _answers(etcd))
+    return etcd, certificates
+
+
+def test_only_a_certificate_of_the_same_authority_is_admitted(tmp_path: Path) -> None:
+    ours, others = (issue(Authority(tmp_path, name), tmp_path, f"{name}-own") for name in ("ours", "others"))
 
     def context(own: Certificates | None) -> ssl.SSLContext:
-        made = ssl.create_default_context(cafile=files["ours"].ca)
+        made = ssl.create_default_context(cafile=ours.ca)
         if own is not None:
             made.load_cert_chain(own.certificate, own.key)
         return made
 
-    with etcd_members(tmp_path, tls=files["ours"]) as members:
-        tls = {"ca": "ours-ca.pem", "certificate": "ours.pem", "key": "ours.key"}
-        machines = {"north": {"address": "http://10.0.0.1:5003"}}
-        cluster = Cluster.model_validate({"machines": machines, "etcd": members.urls, "tls": tls})
-        etcd = etcd_of(cluster, tmp_path, timeout_s=5.0)
-        assert eventually(lambda: _answers(etcd))
-        for own in (None, files["others"]):
-            stranger = Etcd(members.urls, tls=context(own), timeout_s=5.0)
+    with etcd_members(tmp_path, tls=ours) as members:
+        etcd, _ = manager_with(members, ours)
+        for own in (None, others):
+            strange = context(own)
+            stranger = Etcd(members.urls, tls=partial(_same, strange), timeout_s=5.0)
             with pytest.raises(EtcdUnavailable):
                 stranger.transact([], [read("/key")])
             stranger.close()
         etcd.close()
+
+
+def _same(context: ssl.SSLContext) -> ssl.SSLContext:
+    return context
+
+
+def test_a_renewed_certificate_is_used_once_a_member_accepts_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    before, after = Authority(tmp_path, "before"), Authority(tmp_path, "after")
+    with etcd_members(tmp_path, tls=issue(before, tmp_path, "member")) as members:
+        etcd, certificates = manager_with(members, issue(before, tmp_path, "own"))
+        issue(after, tmp_path, "own")
+        for _ in range(2):
+            certificates.renew()
+        assert _answers(etcd)
+        assert len([line for line in caplog.messages if "the previous one stays in use" in line]) == 1
+        members.kill("one")
+        members.tls = issue(after, tmp_path, "member")
+        members.start("one")
+
+        def renewed() -> bool:
+            certificates.renew()
+            return _answers(etcd)
+
+        eventually(renewed)
+        etcd.close()
+
+
+def test_a_term_goes_on_while_the_certificate_is_renewed(tmp_path: Path) -> None:
+    authority, place = Authority(tmp_path), Place("site")
+
+    async def check(etcd: Etcd, certificates: EtcdCertificates) -> None:
+        member = Member("north", "http://10.0.0.1:5003", etcd, place)
+        running = asyncio.create_task(member.run())
+        active = await member.until_active()
+        used = certificates.latest()
+        issue(authority, tmp_path, "own")
+        await asyncio.to_thread(certificates.renew)
+        assert certificates.latest() is not used
+        renewals, renewed = itertools.count(), asyncio.Event()
+
+        def follow(_: float) -> None:
+            if next(renewals) == 3:
+                renewed.set()
+
+        active.follow(follow)
+        await renewed.wait()
+        assert not active.ends.is_set()
+        running.cancel()
+        await asyncio.wait([running])
+
+    with etcd_members(tmp_path, tls=issue(authority, tmp_path, "member")) as members:
+        etcd, certificates = manager_with(members, issue(authority, tmp_path, "own"))
+        etcd.transact([], [put(place.active, encode_key(Key(0)))])
+        asyncio.run(check(etcd, certificates))
 
 
 def _answers(etcd: Etcd) -> bool:

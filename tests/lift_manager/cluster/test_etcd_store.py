@@ -1,12 +1,23 @@
 """The store that two managers share: the key is its fence, and a lost answer neither loses nor repeats anything."""
 
 import itertools
+import json
 
 import pytest
 
-from lift_manager.cluster.content import Head, Place, decode_rows, encode_head, encode_key, encode_number
+from lift_manager.cluster.content import (
+    MIGRATIONS,
+    VERSION,
+    Head,
+    Place,
+    decode_record,
+    decode_rows,
+    encode_head,
+    encode_key,
+    encode_number,
+)
 from lift_manager.cluster.errors import ClusterUnusable, EtcdUnavailable
-from lift_manager.cluster.etcd import put, read, read_all
+from lift_manager.cluster.etcd import Entry, put, read, read_all
 from lift_manager.cluster.store import MOST_COMMITS, ROWS_IN_A_COMMIT, UPKEEP_COMMITS, EtcdStore
 from lift_manager.cluster.term import Key
 from lift_manager.runtime.recorder import SavedLift
@@ -67,6 +78,32 @@ def test_a_manager_that_takes_over_finds_all_that_was_committed(etcd: MemoryEtcd
     assert theirs.load() == {"east": EVERYTHING}
     theirs.commit({"east": SavedLift(RECORD)}, noted(3, 5))
     assert stored(etcd) == noted(5)
+
+
+def test_a_newer_manager_continues_what_an_older_one_left(etcd: MemoryEtcd) -> None:
+    store_of(etcd).commit({"east": EVERYTHING}, noted(3))
+    (written,) = etcd.transact([], [read(f"{PLACE.records}east")]).ranges[0]
+    older = json.loads(written.value)
+    older["saved"]["was_called_record"] = older["saved"].pop("record")
+
+    def migrate(saved: dict[str, object]) -> dict[str, object]:
+        return {"record": saved.pop("was_called_record")} | saved
+
+    entry = Entry(written.key, json.dumps(older).encode(), 1)
+    assert decode_record(entry, (*MIGRATIONS, migrate)) == EVERYTHING
+    with pytest.raises(ClusterUnusable, match="is not one that a manager of this version writes"):
+        decode_record(entry)
+
+
+def test_what_a_newer_manager_wrote_is_refused_in_words(etcd: MemoryEtcd) -> None:
+    ours = store_of(etcd)
+    ours.commit({"east": EVERYTHING}, noted(3))
+    newer = json.dumps({"version": VERSION + 1, "saved": {}}).encode()
+    head = encode_head(Head(2, "x", version=VERSION + 1))
+    for key, value in ((f"{PLACE.records}east", newer), (PLACE.head, head)):
+        etcd.transact([], [put(key, value)])
+        with pytest.raises(ClusterUnusable, match="install the newer version on this machine too"):
+            store_of(etcd).load()
 
 
 @pytest.mark.parametrize("lost", ["request", "answer"])

@@ -7,12 +7,21 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import pytest
 
-from lift_manager.cluster.content import Handover, Place, decode_key, encode_handover, encode_key
+from lift_manager.cluster.content import (
+    VERSION,
+    Handover,
+    Head,
+    Place,
+    decode_key,
+    encode_handover,
+    encode_head,
+    encode_key,
+)
 from lift_manager.cluster.errors import EtcdUnavailable
 from lift_manager.cluster.etcd import Etcd, Json, put, read
 from lift_manager.cluster.etcd import Result as EtcdResult
 from lift_manager.cluster.member import SILENCE_S, Member
-from lift_manager.cluster.term import RENEW_S, UNCHANGED_S, Key
+from lift_manager.cluster.term import ANSWERING_S, RENEW_S, UNCHANGED_S, Key
 from lift_manager.store.committer import Result
 from tests.support.memory_etcd import MemoryEtcd
 from tests.support.virtual_time import cancel_all, elapse, run_virtual
@@ -212,6 +221,47 @@ def test_a_handover_needs_a_standby_and_the_present_epoch() -> None:
         assert not b.active.ends.is_set()
 
     play(check, "a", "b")
+
+
+def test_a_standby_accepts_a_handover_once_it_could_take_over_and_not_before() -> None:
+    async def check(pair: Pair, a: Member, b: Member) -> None:
+        pair.cables["b"].is_cut = True
+        active = await a.until_active()
+        pair.write(PLACE.handover, encode_handover(Handover(1, "Eve")))
+        pair.cables["b"].is_cut = False
+        await elapse(ANSWERING_S - 0.1)
+        assert not active.ends.is_set()
+        await active.over.wait()
+        await a.give_up()
+        given_up_at = now()
+        await b.until_active()
+        assert now() - given_up_at <= RENEW_S
+
+    play(check, "a", "b")
+
+
+def test_a_standby_that_cannot_read_what_the_active_wrote_accepts_no_handover() -> None:
+    async def check(pair: Pair, a: Member, _: Member) -> None:
+        active = await a.until_active()
+        pair.write(PLACE.head, encode_head(Head(9, "x", version=VERSION + 1)))
+        await elapse(1.0)
+        pair.write(PLACE.handover, encode_handover(Handover(1, "Eve")))
+        await elapse(20.0)
+        assert not active.ends.is_set()
+
+    play(check, "a", "b")
+
+
+def test_a_standby_of_an_older_version_takes_nothing_that_it_cannot_read_and_says_so() -> None:
+    async def check(pair: Pair, older: Member) -> None:
+        pair.write(PLACE.head, encode_head(Head(9, "x", version=VERSION + 1)))
+        await elapse(60.0)
+        assert older.active is None
+        assert "install the newer version on this machine too" in older.trouble
+        pair.write(PLACE.head, encode_head(Head(10, "x")))
+        assert (await older.until_active()).remaining_s > 0
+
+    play(check, "older")
 
 
 def test_a_standby_reports_that_etcd_is_silent_for_longer_than_an_election() -> None:

@@ -65,6 +65,14 @@ def test_a_manager_that_is_alone_continues_from_the_copy(etcd: MemoryEtcd, activ
     assert [row.text for row in stored(path)] == [row.row.text for row in noted(3)]
 
 
+def test_without_a_majority_what_one_member_has_is_copied_and_not_reported(etcd: MemoryEtcd, active: EtcdStore) -> None:
+    active.commit({"east": EVERYTHING}, noted(3))
+    etcd.has_majority, disk = False, MemoryStore()
+    assert Replica("a", etcd, PLACE, disk, local=True).step(LATER) == (3, False)
+    assert (disk.rows, disk.records) == (noted(3), {"east": EVERYTHING})
+    assert f"{PLACE.copied}a" not in etcd.entries
+
+
 def test_many_commits_are_copied_in_steps_and_the_records_with_the_last(etcd: MemoryEtcd, active: EtcdStore) -> None:
     active.commit({"east": EVERYTHING}, [])
     for number in range(COMMITS_AT_ONCE + 1):
@@ -149,6 +157,19 @@ def test_a_journal_that_missed_rows_says_so(etcd: MemoryEtcd, active: EtcdStore)
     Replica("b", etcd, PLACE, disk).step(LATER)
     assert [row.row.kind for row in disk.rows] == [RowKind.PRESS, RowKind.GAP, RowKind.PRESS]
     assert disk.rows[1].row.data == {"from_commit": 2, "to_commit": 10}
+
+
+def test_the_journal_of_a_machine_that_was_replaced_says_what_it_lacks(etcd: MemoryEtcd, active: EtcdStore) -> None:
+    active.commit({"east": EVERYTHING}, noted(3))
+    for machine in ("a", "b"):
+        Replica(machine, etcd, PLACE, MemoryStore()).step(LATER)
+    active.do_upkeep(LATER, check=False)
+    active.commit({}, noted(3, 5))
+    disk = MemoryStore()
+    Replica("b", etcd, PLACE, disk).step(LATER)
+    assert [row.row.kind for row in disk.rows] == [RowKind.GAP, *(row.row.kind for row in noted(3, 5))]
+    assert "up to 1 commit are only in the journal of the other machine" in disk.rows[0].row.text
+    assert disk.records == {"east": EVERYTHING}
 
 
 def test_an_etcd_that_was_never_prepared_has_nothing_to_copy() -> None:

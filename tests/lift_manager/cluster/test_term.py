@@ -7,7 +7,9 @@ import pytest
 
 from lift_manager.cluster.term import (
     ANSWER_S,
+    ANSWERING_S,
     RENEW_S,
+    SILENT_S,
     TERM_S,
     UNCHANGED_S,
     Answered,
@@ -25,6 +27,10 @@ from lift_manager.cluster.term import (
 
 OTHERS = Key(7, 3, "b", "http://b:5003")
 MINE = Key(8, 4, "a", "http://a:5003")
+
+
+ANSWERING = Term(answered_at=49.9, answering_since=0.0)
+"""A standby to which etcd has answered for long."""
 
 
 def after(term: Term, *inputs: Input) -> tuple[Term, list[Order]]:
@@ -60,32 +66,53 @@ def test_a_standby_looks_at_the_key_as_often_as_its_owner_renews_it() -> None:
 
 
 def test_a_key_is_taken_once_it_is_known_unchanged_for_long_enough() -> None:
-    seen, _ = after(Term(), Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False))
+    seen, _ = after(ANSWERING, Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False))
     assert after(seen, Tick(50.1 + UNCHANGED_S - 0.001))[1] == [Order.LOOK]
     assert after(seen, Tick(50.1 + UNCHANGED_S))[1] == [Order.TAKE]
 
 
 def test_a_look_that_shows_the_same_revision_does_not_start_the_wait_again() -> None:
-    term, _ = after(Term(), Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False))
+    term, _ = after(ANSWERING, Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False))
     term, _ = after(term, Sent(52.0), Answered(Order.LOOK, 52.0, 52.1, OTHERS, is_applied=False))
     assert after(term, Tick(52.6))[1] == [Order.TAKE]
 
 
 def test_a_changed_key_starts_the_wait_again_whoever_changed_it() -> None:
-    term, _ = after(Term(), Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False))
+    term, _ = after(ANSWERING, Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False))
     term, _ = after(term, Sent(52.0), Answered(Order.LOOK, 52.0, 52.1, replace(OTHERS, revision=9), is_applied=False))
     assert after(term, Tick(52.6))[1] == [Order.LOOK]
 
 
 def test_a_key_without_an_owner_is_taken_at_once() -> None:
-    term, _ = after(Term(), Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, Key(9, 3), is_applied=False))
+    term, _ = after(ANSWERING, Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, Key(9, 3), is_applied=False))
     assert term.wake_at == 50.1
     assert after(term, Tick(50.1))[1] == [Order.TAKE]
 
 
 def test_a_member_that_left_gives_the_other_one_time_to_take_the_key() -> None:
-    term, _ = after(Term(left=3), Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, Key(9, 3), is_applied=False))
+    term, _ = after(
+        replace(ANSWERING, left=3), Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, Key(9, 3), is_applied=False)
+    )
     assert term.takes_at == 50.1 + UNCHANGED_S
+
+
+def test_after_etcd_was_silent_no_key_is_taken_before_a_machine_that_went_on_alone_can_have_said_so() -> None:
+    free, silent = Key(9, 3), replace(ANSWERING, answered_at=50.1 - SILENT_S - 0.001)
+    for standby in (Term(), silent):
+        for key in (free, OTHERS):
+            term, _ = after(standby, Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, key, is_applied=False))
+            assert term.takes_at == 50.1 + ANSWERING_S
+    early = replace(ANSWERING, answered_at=50.1 - SILENT_S)
+    term, _ = after(early, Sent(50.0), Answered(Order.LOOK, 50.0, 50.1, free, is_applied=False))
+    assert term.takes_at == 50.1
+
+
+def test_no_key_is_taken_while_a_machine_goes_on_alone() -> None:
+    looked = Answered(Order.LOOK, 50.0, 50.1, OTHERS, is_applied=False, is_barred=True)
+    term, _ = after(ANSWERING, Sent(50.0), looked)
+    assert term.takes_at == math.inf
+    term, _ = after(term, Sent(52.5), replace(looked, sent_at=52.5, at=52.6, is_barred=False))
+    assert after(term, Tick(52.6))[1] == [Order.TAKE]
 
 
 def test_a_key_that_was_never_made_is_never_taken() -> None:
@@ -100,7 +127,7 @@ def test_a_term_lasts_from_before_the_request_was_sent() -> None:
 
 
 def test_a_take_that_somebody_else_forestalled_changes_nothing() -> None:
-    standby = Term(key=OTHERS, known_at=90.0)
+    standby = Term(key=OTHERS, known_at=90.0, answered_at=99.9)
     theirs = Key(8, 4, "b", "http://b:5003")
     term, orders = after(standby, Sent(100.0), Answered(Order.TAKE, 100.0, 100.1, theirs, is_applied=False))
     assert (term.role, orders) == (Role.STANDBY, [])
@@ -115,7 +142,7 @@ def test_a_take_without_an_answer_is_not_tried_again_at_once() -> None:
 
 
 def test_a_take_whose_answer_comes_after_its_term_is_over_at_once() -> None:
-    standby = Term(key=OTHERS, known_at=90.0)
+    standby = Term(key=OTHERS, known_at=90.0, answered_at=99.9)
     term, orders = after(standby, Sent(100.0), Answered(Order.TAKE, 100.0, 102.1, MINE, is_applied=True))
     assert (term.role, orders) == (Role.OVER, [Order.FENCE])
 

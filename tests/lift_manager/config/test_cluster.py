@@ -40,6 +40,18 @@ def of_cluster(folder: Path, text: str, *edits: tuple[str, str]) -> list[str]:
             14,
             "the lifts are main",
         ),
+        (
+            [("  etcd", "  packet_filter: socket\n  etcd"), ("10.0.0.5", "lift.example")],
+            "controllers.plc.host",
+            4,
+            "the packet filter of the cluster goes by addresses",
+        ),
+        (
+            [("  etcd", "  fence: {door: {command: [sh]}}\n  etcd")],
+            "cluster.fence.door",
+            14,
+            "the controllers are plc",
+        ),
     ],
 )
 def test_a_mistake_is_named_with_its_place(
@@ -51,14 +63,73 @@ def test_a_mistake_is_named_with_its_place(
 def test_outputs_that_stay_on_need_an_acceptance_of_their_own(tmp_path: Path) -> None:
     refused = findings(tmp_path, TWO_STOP + CLUSTER)
     assert_says_exactly(
-        refused, said(8, "lifts.goods.access", "stay on until something lets them go", "accept_latching")
+        refused,
+        said(8, "lifts.goods.access", "stay on until something lets them go", "fence: {plc: ...}", "accept_latching"),
     )
+    filtered = findings(tmp_path, TWO_STOP + CLUSTER + FILTER)
+    assert [str(each) for each in filtered] == [str(each) for each in refused]
     accepted = of_cluster(tmp_path, TWO_STOP + CLUSTER + "  accept_latching: {goods: somebody stands beside it}\n")
     assert accepted == [
         "goods: a write of a manager that was just replaced may put an output on for good; accepted: somebody stands beside it"
     ]
     watched = ("    access: control\n    accept_latching: a person stands beside it\n", "")
     assert of_cluster(tmp_path, TWO_STOP + CLUSTER, watched) == []
+
+
+FILTER = "  packet_filter: socket\n"
+FENCE = "  fence: {plc: {command: [sh, close-port, south]}}\n"
+
+
+def kept(folder: Path, text: str) -> list[str]:
+    """What `check` says about late writes."""
+    return list(load(folder, text).fence_lines())
+
+
+@each_row(
+    ("text", "by"),
+    [
+        (GENERIC.replace("generic-registers", "generic-registers-cluster") + CLUSTER, "the controller itself, which obeys the manager of the highest epoch"),
+        (GENERIC.replace("generic-registers", "generic-registers-cluster") + CLUSTER + FENCE, "the controller itself, which obeys the manager of the highest epoch"),
+        (TWO_STOP.replace("goods", "main") + CLUSTER + FENCE, "a command of the site, which closes the way of the other machine"),
+        (TWO_STOP.replace("goods", "main") + CLUSTER + FENCE + "  accept_latching: {main: why}\n", "a command of the site, which closes the way of the other machine"),
+        (TWO_STOP.replace("goods", "main") + CLUSTER + "  accept_latching: {main: why}\n", "nothing, which was accepted"),
+        (GENERIC + CLUSTER, "nothing"),
+        (GENERIC + CLUSTER + FILTER, "the packet filter of its machine, unless it has left that already"),
+        (GENERIC + CLUSTER + FILTER + FENCE, "a command of the site, which closes the way of the other machine"),
+        (TWO_STOP.replace("goods", "main") + CLUSTER + FILTER + "  accept_latching: {main: why}\n", "the packet filter of its machine, unless it has left that already"),
+    ],
+)  # fmt: skip
+def test_check_says_what_keeps_late_writes_from_each_lift(tmp_path: Path, text: str, by: str) -> None:
+    assert kept(tmp_path, text) == [f"main: a late write of a manager that was just replaced is kept away by {by}"]
+    stays_open = "nothing" in by or "unless" in by
+    assert any("just replaced" in line for line in of_cluster(tmp_path, text)) is stays_open
+
+
+def test_nothing_is_said_of_a_lift_that_is_only_watched_or_of_a_site_without_a_cluster(tmp_path: Path) -> None:
+    assert kept(tmp_path, GENERIC) == []
+    assert kept(tmp_path, (GENERIC + CLUSTER).replace("    access: control\n", "")) == []
+
+
+def test_a_second_device_needs_a_fence_of_its_own(tmp_path: Path) -> None:
+    second = GENERIC.replace("lifts:", "  door: {host: 10.0.0.6, map: generic-registers}\nlifts:") + (
+        "    endpoints: {door: {controller: door}}\n"
+        "    override:\n"
+        "      endpoints: {door: {served: {holding: [[0, 9]]}}}\n"
+        '      commands: {close_door.front: {at: "door/holding:1"}}\n'
+    )
+    assert kept(tmp_path, second + CLUSTER + FENCE)[0].endswith("by nothing")
+    both = FENCE.replace("]}}", "]}, door: {command: [sh, close-port]}}")
+    assert "a command of the site" in kept(tmp_path, second + CLUSTER + both)[0]
+
+
+def test_a_fence_whose_program_is_not_there_is_a_caution(tmp_path: Path) -> None:
+    absent = FENCE.replace("[sh, close-port, south]", "[./close-port]")
+    lines = [line for line in load(tmp_path, GENERIC + CLUSTER + absent).cautions() if "./close-port" in line]
+    assert lines == [
+        "plc: ./close-port, which closes its fence, is no program on this computer: without it its lifts stay offline"
+    ]
+    (tmp_path / "close-port").touch(0o755)
+    assert not any("./close-port" in line for line in load(tmp_path, GENERIC + CLUSTER + absent).cautions())
 
 
 def test_more_lifts_than_a_commit_can_hold_are_refused(tmp_path: Path) -> None:

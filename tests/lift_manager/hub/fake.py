@@ -13,6 +13,9 @@ from lift_manager.hub.messages import News, Position, RemoteLift, RemoteLifts, R
 from lift_manager.hub.remote_site import LiftsReply, RemoteSite, SiteState
 from lift_manager.hub.rows import RowStore, StoredEvent
 from lift_manager.hub.service import Hub
+from lift_manager.hub.update.desk import UpdateFiles
+from lift_manager.hub.update.messages import Report
+from lift_manager.hub.update.rollout import Rollout
 from lift_manager.lift.state import LiftState
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.support.journal import T0
@@ -72,8 +75,18 @@ class FakeHub(Hub):
 
     def follow(self) -> None:
         """Read the files again, as a running hub does twice a second."""
-        self.registry = self.folder.registry()
-        self.sites = {site: self.fakes[site] for site, entry in self.registry.sites.items() if entry.off is None}
+        self._forget(self.folder.registry())
+
+    def _forget(self, registry: Registry) -> None:
+        self.registry = registry
+        self.sites = {site: self.fakes[site] for site, entry in registry.sites.items() if entry.off is None}
+
+    def roll_out(self, rollout: Rollout, reports: Mapping[str, Report]) -> None:
+        """Begin a roll-out, as far as sites have reported."""
+        files = UpdateFiles(self.folder.path)
+        files.write_reports(reports)
+        files.write(rollout)
+        self._desk.refresh()
 
     def write(self, site: str, *texts: str, first: int | None = None) -> None:
         """Store rows of a site's journal, from number `first` on."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from lift_manager.config.hub import hub_servers
 from lift_manager.hub.errors import FolderUnusable
 from lift_manager.hub.folder import HubFolder
 from lift_manager.hub.nkey import make_nkey
@@ -89,6 +90,32 @@ def test_servers_that_run_by_themselves_get_the_accounts_and_leaf_nodes_know_all
     assert not place.nats_conf.exists()
 
 
+@pytest.mark.parametrize(
+    ("address", "urls"),
+    [
+        ("hub.example", ["nats-leaf://hub.example:7422"]),
+        ("[hub.example, 'hub.example:7522']", ["nats-leaf://hub.example:7422", "nats-leaf://hub.example:7522"]),
+        (
+            "['[2001:db8::5]', '[2001:db8::5]:7522']",
+            ["nats-leaf://[2001:db8::5]:7422", "nats-leaf://[2001:db8::5]:7522"],
+        ),
+    ],
+)
+def test_leaf_nodes_connect_to_every_address_and_to_its_port_where_it_has_one(
+    place: HubFolder, address: str, urls: list[str]
+) -> None:
+    (place.path / "hub.yaml").write_text(f"nats: {{address: {address}}}")
+    leaf = place.add_site("berlin") / "leaf.conf"
+    assert configuration(leaf)["leafnodes"]["remotes"][0]["urls"] == urls
+    assert [server.port for server in hub_servers(leaf)] == [int(url.rpartition(":")[2]) for url in urls]
+
+
+def test_a_server_that_listens_on_an_ipv6_address_is_given_its_brackets(place: HubFolder) -> None:
+    (place.path / "hub.yaml").write_text("nats: {leaf_host: '::1'}")
+    place.add_site("berlin")
+    assert configuration(place.nats_conf)["leafnodes"]["listen"] == "[::1]:7422"
+
+
 def test_a_connection_that_is_dead_is_given_up_within_seconds_on_both_sides(place: HubFolder) -> None:
     leaf = configuration(place.add_site("berlin") / "leaf.conf")
     assert leaf["ping_interval"] == configuration(place.nats_conf)["ping_interval"] == "5s"
@@ -114,6 +141,13 @@ def test_an_id_that_would_mean_something_in_a_subject_or_a_path_is_refused(place
         ("http: {port: 0}", "http.port"),
         ("nats: {servers: ['nats://me:secret@n1:4222']}", "nats.servers.0"),
         ("nats: {address: []}", "nats.address"),
+        (
+            "nats: {address: '2001:db8::5'}",
+            r"nats\.address\.0: 2001:db8::5: an IPv6 address needs brackets, such as \[",
+        ),
+        ("nats: {address: [n1, 'n2:x']}", r"nats\.address\.1: 'n2:x' is no name or address"),
+        ("nats: {address: 'n1:70000'}", r"nats\.address\.0: 'n1:70000' is no name"),
+        ("nats: {servers: ['tls://2001:db8::5:4222']}", r"nats\.servers\.0: .*needs brackets"),
         ("nats: [", "cannot be read"),
         ("[]", "valid dictionary"),
     ],

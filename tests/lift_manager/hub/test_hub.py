@@ -55,6 +55,8 @@ def test_state_is_requested_from_the_site_for_each_reply_and_guides_no_robot(rig
                 assert (silent.status_code, silent.json()["code"]) == (503, "site_silent")
                 await hub.until_state("berlin", SiteState.OFFLINE)
                 assert [one["id"] for one in (await hub.get("/sites?state=offline")).json()["sites"]] == ["berlin"]
+                scraped = (await hub.client.get("/metrics")).text
+                assert 'lift_manager_hub_site_offline_total{site="berlin"} 1\n' in scraped
             unknown = await hub.get("/sites/rome/lifts")
             assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_site")
 
@@ -116,8 +118,9 @@ def test_a_site_that_is_switched_off_is_refused_and_the_others_go_on(
                         assert (await hub.get("/sites/berlin/lifts")).status_code == 200
                         body = {"by": "M. Weber", "reason": "its key was copied"}
                         assert (await hub.post("/sites/berlin/off", body)).status_code == 200
+                        # it counts at once, before the NATS server has followed
+                        assert (await hub.get("/sites/berlin")).json()["state"] == "off"
                         assert (await hub.post("/sites/berlin/off", body)).json()["code"] == "not_now"
-                        await hub.until_state("berlin", SiteState.OFF)
                         silent = await hub.get("/sites/berlin/lifts")
                         assert (silent.status_code, silent.json()["code"]) == (503, "site_silent")
                         assert (await hub.get("/sites/berlin")).json()["off"]["reason"] == body["reason"]
@@ -130,6 +133,7 @@ def test_a_site_that_is_switched_off_is_refused_and_the_others_go_on(
                         await until(is_refused)
                         journal.write("while it was off")
                         assert (await hub.post("/sites/berlin/on", {"by": "M. Weber"})).status_code == 200
+                        assert (await hub.get("/sites/berlin")).json()["off"] is None
                         await hub.until_reached("berlin")
                         await hub.until_row("berlin", "while it was off")
         second.end()

@@ -136,7 +136,7 @@ def test_a_real_browser_shows_sites_then_lifts_and_never_what_it_does_not_know(t
                     await tab.type(text)
                 await tab.press("Enter")
                 await tab.sees("rome is switched off.")
-                hub.follow()
+                await tab.until("document.querySelector('.actions button').innerText === 'Switch rome on'")
                 await tab.sees("Switched off by M. Weber: its key was copied")
                 await tab.until("document.querySelector('.card') === null")
                 assert [line for line in tab.complaints if not line.endswith("/lifts")] == []

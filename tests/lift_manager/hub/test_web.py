@@ -24,7 +24,7 @@ from lift_manager.lift.state import Quality
 from lift_manager.web.error_codes import HUB_CODES
 from lift_manager.web.events.readers import OpenStreams
 from tests.lift_manager.hub.rig import Rig, RunningHub, until
-from tests.lift_manager.web.fake import FakeSite
+from tests.lift_manager.web.fake import FakeSite, ask_app
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.support.journal import Journal
 
@@ -116,6 +116,17 @@ def test_a_hub_without_keys_lets_only_its_own_computer_switch_sites_off(rig: Rig
                 assert (page.status_code, page.json()["code"]) == (403, "another_site")
 
     asyncio.run(main())
+
+
+def test_a_site_is_unknown_until_the_hub_reaches_its_nats_server_and_off_once_it_is_switched_off(rig: Rig) -> None:
+    rig.add("rome")
+    rig.place.switch_off("rome", "M. Weber", "its key was copied")
+    app = make_hub_app(Hub(rig.place), KeyRing())
+    sites = ask_app(app, "GET", "/api/v1/sites").json()["sites"]
+    assert {site["id"]: site["state"] for site in sites} == {"berlin": "unknown", "rome": "off"}
+    reasons = {site: ask_app(app, "GET", f"/api/v1/sites/{site}/lifts").json()["detail"] for site in ("berlin", "rome")}
+    assert "has not reached its NATS server yet" in reasons["berlin"]
+    assert "is switched off" in reasons["rome"]
 
 
 def test_every_code_of_a_hub_is_raised_somewhere_in_it() -> None:

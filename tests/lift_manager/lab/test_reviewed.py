@@ -22,6 +22,12 @@ VECTORS = {
         ("coil", 8, 1, ("hold_door.front", 1)),
         ("coil", 10, 1, ("robot_mode", 1)),
     ],
+    "generic-coils-cluster": [
+        ("coil", 7, 1, ("go_to", 7)),
+        ("coil", 8, 1, ("hold_door.front", 1)),
+        ("coil", 10, 1, ("robot_mode", 1)),
+    ],
+    "generic-registers-cluster": [("holding", 19, 4, ("go_to", 3)), ("holding", 20, 1, ("hold_door.front", 1))],
     "generic-registers": [("holding", 16, 4, ("go_to", 3)), ("holding", 17, 1, ("hold_door.front", 1))],
     "moxa-e1211": [("coil", 1, 1, ("go_to", 1)), ("coil", 2, 1, ("hold_door.front", 1))],
     "moxa-e1212": [("coil", 1, 1, ("go_to", 1)), ("coil", 2, 1, ("hold_door.front", 1))],

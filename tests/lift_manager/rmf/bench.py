@@ -87,6 +87,7 @@ class Bench:
     slow: bool = False
     """Answers are given when `answer_all` is called."""
     adapter_id: str = ""
+    first_reading_s: float = 0.0
 
     def __post_init__(self) -> None:
         self.adapter = self._adapter()
@@ -97,7 +98,13 @@ class Bench:
 
     def _adapter(self) -> Adapter:
         out = RmfOutput(self.published.append, self.alarm)
-        return Adapter(self, out, lambda: EPOCH + self.now, adapter_id=self.adapter_id)
+        return Adapter(
+            self,
+            out,
+            lambda: EPOCH + self.now,
+            adapter_id=self.adapter_id,
+            first_reading_s=self.first_reading_s,
+        )
 
     def send(self, request: ManagerRequest) -> None:
         assert request.lift not in [one.lift for one in self.waiting], "asked again before it was answered"

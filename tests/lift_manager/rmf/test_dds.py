@@ -8,19 +8,22 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf.dds import Dds, DdsFailed, Monitor
 from lift_manager.rmf.dds_inbox import MOST_CALLS
+from lift_manager.rmf.lasting import LastingRmf
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
 from tests.support.dds_partner import LIMIT_S, Offer, Partner
 from tests.support.dds_rig import ORACLE, Heard, adapter, at_once, padded, request, settings_of_test, state
 
-REQUESTS, STATES = "rt/lift_requests", "rt/lift_states"
+REQUESTS, STATES, FIRE = "rt/lift_requests", "rt/lift_states", "rt/fire_alarm_trigger"
 
 
 @pytest.fixture
@@ -216,6 +219,41 @@ def test_requests_that_nobody_takes_are_given_up_and_counted(settings: RosSettin
     dds.close()
     assert len(heard.of("requested")) >= MOST_CALLS
     assert len(heard.of("requested")) + dds.dropped <= written
+
+
+def test_a_standby_is_in_rmf_receives_and_publishes_in_its_terms_alone(settings: RosSettings) -> None:
+    end, fire = request(kind=END_SESSION), Alarms(fire_alarm=True)
+
+    async def main() -> None:
+        lasting = LastingRmf(partial(Dds, settings), fire, asyncio.get_running_loop().time)
+        partner = Partner(settings.domain)
+        offered = {endpoint.topic_name for what, endpoint in partner.endpoints() if what == "writer"}
+        assert {STATES, FIRE} <= offered
+        states, alarms = partner.hear(STATES, "state", Offer()), partner.hear(FIRE, "alarm", Offer())
+        partner.offer(REQUESTS, "request", Offer())
+        partner.write(REQUESTS, ORACLE.request(end))
+        told = [padded(ORACLE.state(state(floor=floor))) for floor in ("first", "second")]
+        for floor in ("first", "second"):
+            await play_term(lasting, floor)
+        assert await asyncio.to_thread(states.wait_for, lambda samples: len(samples) >= 2) == told
+        await asyncio.to_thread(alarms.wait_for, lambda samples: len(samples) == 2)
+        partner.close()
+        lasting.close()
+
+    async def play_term(lasting: LastingRmf, floor: str) -> None:
+        remaining_s = 1.0
+        heard = Heard()
+        term = lasting.attach(lambda: remaining_s > 0, heard, at_once)
+        (ended,) = await asyncio.to_thread(heard.wait_for, "requested")
+        assert (ended.lift_name, ended.session_id, ended.request_type) == ("lift1", end.session_id, END_SESSION)
+        term.publish(state(floor=floor))
+        term.publish_alarms(fire, on=True)
+        remaining_s = 0.0
+        term.publish(state(floor="too late"))
+        term.publish_alarms(fire, on=True)
+        term.close()
+
+    asyncio.run(main())
 
 
 def test_somebody_elses_state_of_our_lift_is_told(joined: tuple[Dds, Heard, Partner]) -> None:

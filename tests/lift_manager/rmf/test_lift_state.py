@@ -298,3 +298,26 @@ def test_a_lift_of_another_face_shows_where_that_goes() -> None:
     ride = bench()
     ride.change(holder=HeldBy("ride", "amr-7"), destination="L3")
     assert (ride.state.session_id, ride.state.destination_floor) == ("ride:amr-7", "Level 3")
+
+
+@each_row(("waits_s", "until_s"), [(0.0, 0.0), (1.0, 1.0)])
+def test_a_lift_that_was_not_read_yet_is_published_late_by_an_adapter_that_takes_over(
+    waits_s: float, until_s: float
+) -> None:
+    unread = lift("unread", live=False, age_s=None, floor=None)
+    ride = Bench(views={"lift": lift(), "unread": unread}, first_reading_s=waits_s)
+    began = ride.now
+    ride.report_site()
+    assert ride.published[0].lift_name == "lift_rmf"
+    while not any(state.lift_name == "unread_rmf" for state in ride.published):
+        ride.step()
+    assert ride.now - began == pytest.approx(until_s, abs=0.15)
+
+
+def test_a_lift_is_published_with_its_first_reading_by_an_adapter_that_takes_over() -> None:
+    ride = Bench(views={"lift": lift(live=False, age_s=None, floor=None)}, first_reading_s=1.0)
+    ride.report_site()
+    ride.step(0.3)
+    assert ride.published == []
+    ride.change(live=True, age_s=0.0, floor="L1")
+    assert {state.current_mode for state in ride.published} == {HUMAN}

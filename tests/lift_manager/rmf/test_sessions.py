@@ -248,3 +248,36 @@ def test_an_adapter_that_restarts_in_the_grace_does_not_show_the_ended_session_a
         assert {state.session_id for _, state in wire.world.states[said:]} == {""}
 
     on_the_wire(play)
+
+
+def test_a_session_whose_end_comes_before_the_other_machine_takes_over_is_over_with_its_first_state() -> None:
+    async def play(wire: Wire) -> None:
+        await wire.keep_asking(A, 2, 6.0)
+        await wire.world.kill_machine()
+        wire.end(A)
+        await elapse(3.0)
+        published = len(wire.world.states)
+        await wire.world.take_over()
+        await wire.keep_asking(B, 3, 10.0)
+        sessions = [state.session_id for _, state in wire.world.states[published:]]
+        assert A not in sessions
+        assert (wire.session, wire.state.current_floor, wire.state.door_state) == (B, "level 3", DOOR_OPEN)
+
+    on_the_wire(play)
+
+
+def test_a_session_that_goes_on_through_a_takeover_keeps_its_lift_and_presses_nothing() -> None:
+    async def play(wire: Wire) -> None:
+        await wire.keep_asking(A, 2, 6.0)
+        wire.end(A)
+        await wire.keep_asking(A, 2, 1.0)
+        pressed = wire.pressed
+        await wire.world.kill_machine()
+        await wire.keep_asking(A, 2, 2.5)
+        published = len(wire.world.states)
+        await wire.world.take_over()
+        await elapse(1.0)
+        assert {state.session_id for _, state in wire.world.states[published:]} == {A}
+        assert wire.pressed == pressed
+
+    on_the_wire(play)

@@ -50,8 +50,9 @@ def test_a_pause_may_be_shortened_and_is_never_made_longer() -> None:
         ticker, pause, loop = Ticker(), Pause(), asyncio.get_running_loop()
         loop.call_later(0.1, pause.end_by, 0.3)
         loop.call_later(0.2, pause.end_by, 0.5)
-        assert (await pause.last_until(1.0, ticker), loop.time()) == (0.3, 0.3)
-        assert (await pause.last_until(2.0, ticker), loop.time()) == (2.0, 2.0)
+        for when, ends_at in ((1.0, 0.3), (2.0, 2.0)):
+            await pause.last_until(when, ticker)
+            assert (pause.until, loop.time()) == (ends_at, ends_at)
 
     run_virtual(main)
 
@@ -61,7 +62,8 @@ def test_a_pause_that_has_not_begun_is_shortened_once() -> None:
         ticker, pause = Ticker(), Pause()
         pause.end_by(0.2)
         pause.end_by(0.4)
-        assert await pause.last_until(1.0, ticker) == 0.2
-        assert await pause.last_until(1.0, ticker) == 1.0
+        for ends_at in (0.2, 1.0):
+            await pause.last_until(1.0, ticker)
+            assert pause.until == ends_at
 
     run_virtual(main)

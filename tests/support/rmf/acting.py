@@ -301,6 +301,14 @@ class Actors:
                 await elapse(down_s)
                 await world.start_manager()
                 judge.excuse(world.now, "down", on=False, lasts_s=3.0)
+            case happens.Takeover(down_s=down_s):
+                judge.excuse(world.now, "down", on=True)
+                judge.excuse(world.now, "adapter", on=True)
+                await world.kill_machine()
+                await elapse(down_s)
+                await world.take_over()
+                judge.excuse(world.now, "adapter", on=False)
+                judge.excuse(world.now, "down", on=False, lasts_s=3.0)
             case happens.WayCut(for_s=for_s):
                 await self._cut_way(for_s)
             case happens.Outage(for_s=for_s):

@@ -57,6 +57,13 @@ class ManagerRestarts(Event):
 
 
 @dataclass(frozen=True)
+class Takeover(Event):
+    """Of two machines the active one is killed, with its manager and its adapter, and the other one takes over."""
+
+    down_s: float
+
+
+@dataclass(frozen=True)
 class WayCut(Event):
     """Adapter and manager do not hear each other."""
 

@@ -57,6 +57,8 @@ def draw(seed: int) -> Schedule:
     more = dice.choice((*MORE_TROUBLES, *(None for _ in MORE_TROUBLES)))
     if more is not None and not NOT_WITH[more] & set(kinds) and (more not in ALONE or len(rides) == 1):
         troubles.append(MORE_TROUBLES[more](dice, rides))
+    if dice.random() < 0.25 and not NOT_WITH_TAKEOVER & {*kinds, more}:
+        troubles.append(happens.Takeover(_at(dice), dice.choice((2.6, 4.0))))
     return Schedule(seed, map_name, setting, (*rides, *troubles))
 
 
@@ -141,5 +143,7 @@ NOT_WITH: Mapping[str, frozenset[str]] = {
     "other rmf": frozenset({"rest"}),
 }
 """One of two of a kind would be over before the other."""
+NOT_WITH_TAKEOVER = frozenset({"manager", "adapter", "way", "outage"})
+"""For the same reason."""
 ALONE = frozenset({"web end", "unheard end"})
 """Of several robots, another one may get the lift while the ended one is in the car: RMF itself does not get out of that."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -15,8 +16,11 @@ from lift_manager.lab.world.reviewed import evidence_of
 from lift_manager.lab.world.world import World
 from lift_manager.plain.rmf import Alarms, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
+from lift_manager.rmf.early_ends import EarlyEnds
+from lift_manager.rmf.lasting import KEEP_ENDS_S
+from lift_manager.rmf.lift_sessions import REPLAY_S
 from lift_manager.rmf.local_manager import LocalManager
-from lift_manager.rmf.messages import LiftRequest, LiftState
+from lift_manager.rmf.messages import DOOR_CLOSED, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Manager, ManagerListener
 from register_maps.codec import compile_map
 from register_maps.words import Mode
@@ -110,6 +114,9 @@ class RmfWorld:
         settings = {self.lift: Parameters(speed=setting.speed, dwell_s=DWELL_S * setting.speed)}
         self.plant = Plant(loaded, (self.judge,), seed=setting.seed, settings=settings)
         self.way = Way(self.dice, setting.way_s)
+        self._ends, self._fleet_ends = EarlyEnds(KEEP_ENDS_S), EarlyEnds(KEEP_ENDS_S)
+        """What the other one of two machines has received."""
+        self._writer_found_at = -math.inf
         self.adapter: AnyAdapter | None = None
         self._look_at: asyncio.Handle | None = None
         self._inside: LocalManager | None = None
@@ -149,21 +156,44 @@ class RmfWorld:
 
     def start_adapter(self) -> None:
         """Start one that knows nothing."""
+        self._begin_adapter()
+        self.site.adapter_is_back()
+
+    def _begin_adapter(self) -> None:
         adapter = self.adapter = self._make_adapter(self.way, RmfOutput(self._publish, _NoAlarm()), lambda: self.now)
         self.way.listener = _Ears(adapter, self._soon)
-        self.site.adapter_is_back()
         self._leave_manager()
         self._reach_manager()
         self._soon()
 
     def kill_adapter(self) -> None:
         """End it as `kill -9` does."""
+        self.site.adapter_gone()
+        self._forget_adapter()
+
+    def _forget_adapter(self) -> None:
         self.adapter = None
         self.way.forget()
-        self.site.adapter_gone()
         self.judge.quiet(self.now)
         if self._look_at is not None:
             self._look_at.cancel()
+
+    async def kill_machine(self) -> None:
+        """Kill the active one of two machines; what is under way to the other one arrives there."""
+        self._forget_adapter()
+        await self.kill_manager()
+
+    async def take_over(self) -> None:
+        """Let the other machine continue with what was written down, and with the ENDs that it has received."""
+        await self.start_manager()
+        self._begin_adapter()
+        # before the manager's first answer, which the loop delivers
+        if self.now - self._writer_found_at < REPLAY_S:
+            self._tell_matched()
+        for ends, reach in ((self._ends, self._reach_adapter), (self._fleet_ends, self._reach_adapter_of_fleets)):
+            for lift, session in ends.at(self.now):
+                self.judge.excuse(self.now, "ended", on=False, lasts_s=2.0)
+                reach(LiftRequest(lift, Time.of(self.now), session, END_SESSION, "", DOOR_CLOSED))
 
     async def kill_manager(self) -> None:
         """End the manager as `kill -9` does; the adapter goes on."""
@@ -203,18 +233,30 @@ class RmfWorld:
     # -- what goes to and comes from the adapter
 
     def _requested(self, request: LiftRequest) -> None:
+        self._ends.note(request, self.now)
+        self._reach_adapter(request)
+
+    def _fleet_requested(self, request: LiftRequest) -> None:
+        self._fleet_ends.note(request, self.now)
+        self._reach_adapter_of_fleets(request)
+
+    def _reach_adapter(self, request: LiftRequest) -> None:
         if self.adapter is not None:
             self.judge.arrived(self.now, request)
             self.adapter.on_request(request, self.now)
             self._soon()
 
-    def _fleet_requested(self, request: LiftRequest) -> None:
+    def _reach_adapter_of_fleets(self, request: LiftRequest) -> None:
         if self.adapter is not None:
             self.judge.fleet_sent(self.now, request)
             self.adapter.on_fleet_request(request, self.now)
             self._soon()
 
     def _matched(self) -> None:
+        self._writer_found_at = self.now
+        self._tell_matched()
+
+    def _tell_matched(self) -> None:
         if self.adapter is not None:
             self.adapter.on_request_writer(self.now)
             self._soon()

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from tests.support.second_controllers.agv import TwoStopAgv
 from tests.support.second_controllers.buttons import AdamPushButtons, GenericCoils
+from tests.support.second_controllers.cluster import GenericCoilsCluster, GenericRegistersCluster
 from tests.support.second_controllers.device import Device
 from tests.support.second_controllers.handshake import Chengdu, ChengduBlock
 from tests.support.second_controllers.lift import Lift
@@ -39,6 +40,8 @@ class Part:
 CAST: Mapping[str, Part] = {
     "generic-registers": Part(GenericRegisters),
     "generic-coils": Part(GenericCoils),
+    "generic-registers-cluster": Part(GenericRegistersCluster),
+    "generic-coils-cluster": Part(GenericCoilsCluster),
     "adam-pushbutton": Part(AdamPushButtons, DoorContactAndFloors),
     "adam-io": Part(AdamIo),
     "two-stop-agv": Part(TwoStopAgv, by_key=True),

@@ -44,7 +44,7 @@ function Page({ api, texts, onAccount }) {
       ${connection === "connecting" && html`<p class="empty">${t("sites.connecting")}</p>`}
       ${poll.body !== null && connection !== "login" && (open === null
         ? html`<${Sites} sites=${sites} filter=${filter} onFilter=${setFilter} left=${left} texts=${texts} />`
-        : html`<${Site} key=${open} id=${open} site=${site} api=${api} texts=${texts} />`)}
+        : html`<${Site} key=${open} id=${open} site=${site} api=${api} texts=${texts} onSwitched=${poll.again} />`)}
     </main>`;
 }
 

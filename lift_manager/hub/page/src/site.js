@@ -21,7 +21,8 @@ const WHY_NO_LIFTS = { unreachable: "sites.cut", site_silent: "site.cut" };
 /** Roles that may switch a site off. The hub decides; the page only leaves out a switch that would do nothing. */
 const OPERATING = ["operator", "commissioner"];
 
-export function Site({ id, site, api, texts }) {
+/** `onSwitched()` is called once the site was switched off or on. */
+export function Site({ id, site, api, texts, onSwitched }) {
   const { t } = texts;
   const heading = useRef(null);
   useEffect(() => heading.current.focus(), []);
@@ -32,7 +33,7 @@ export function Site({ id, site, api, texts }) {
       <${Facts} site=${site} texts=${texts} />
       <section aria-labelledby="lifts-title"><h3 id="lifts-title">${t("site.lifts")}</h3>
         ${site.state === "off" ? html`<p>${t("site.off")}</p>` : html`<${Lifts} id=${id} api=${api} texts=${texts} />`}</section>
-      <${OffSwitch} site=${site} api=${api} texts=${texts} />
+      <${OffSwitch} site=${site} api=${api} texts=${texts} onSwitched=${onSwitched} />
       <${Events} id=${id} api=${api} texts=${texts} />`}`;
 }
 
@@ -94,7 +95,7 @@ function periodOf(store) {
   return Math.min(SELDOM_MS, Math.max(OFTEN_MS, (shortest * 1000) / REPLIES));
 }
 
-function OffSwitch({ site, api, texts }) {
+function OffSwitch({ site, api, texts, onSwitched }) {
   const { t } = texts;
   const { run, busy, outcome } = useOutcome(texts);
   const place = useRef(null);
@@ -103,9 +104,13 @@ function OffSwitch({ site, api, texts }) {
   if (!site.stale) isOff.current = site.off !== null;
   const role = api.account?.role ?? null;
   if (isOff.current === null || (role !== null && !OPERATING.includes(role))) return null;
+  const done = () => {
+    place.current.focus();
+    onSwitched();
+  };
   const decision = isOff.current ? { key: "site_on", path: `sites/${site.id}/on` } : { key: "site_off", path: `sites/${site.id}/off`, reason: true };
   return html`<section class="actions" aria-labelledby="off-title"><h3 id="off-title">${t("site.switch")}</h3>
-    <${Decisions} decisions=${[decision]} values=${{ site: site.id }} api=${api} texts=${texts} run=${run} busy=${busy} onDone=${() => place.current.focus()} />
+    <${Decisions} decisions=${[decision]} values=${{ site: site.id }} api=${api} texts=${texts} run=${run} busy=${busy} onDone=${done} />
     <${Outcome} outcome=${outcome} texts=${texts} place=${place} />
   </section>`;
 }

@@ -40,6 +40,13 @@ class Layout:
     on: int | bool
     rest: int | bool
     commands: range
+    claim: Mapping[int, int | bool] = field(default_factory=dict)
+    """What each write carries besides: epoch 1 of machine 1."""
+    falls_s: float = 3.0
+
+    @property
+    def in_bits(self) -> bool:
+        return self.array == "Coils"
 
 
 REGISTERS = Layout(
@@ -66,7 +73,37 @@ COILS = Layout(
     rest=False,
     commands=range(11),
 )
-LAYOUTS = (REGISTERS, COILS)
+REGISTERS_CLUSTER = Layout(
+    map_name="generic-registers-cluster",
+    floors={"B1": -1, "L1": 1, "L2": 2},
+    array="HoldingRegisters",
+    calls={"B1": (19, 0xFFFF), "L1": (19, 1), "L2": (19, 2)},
+    hold=20,
+    close=22,
+    mode=21,
+    on=1,
+    rest=0,
+    commands=range(19, 23),
+    claim={16: 1, 17: 0, 18: 1},
+    falls_s=8.0,
+)
+COILS_CLUSTER = Layout(
+    map_name="generic-coils-cluster",
+    floors={"B1": 0, "L1": 1, "L2": 2},
+    array="Coils",
+    calls={"B1": (0, True), "L1": (1, True), "L2": (2, True)},
+    hold=8,
+    close=9,
+    mode=10,
+    on=True,
+    rest=False,
+    commands=range(11),
+    claim={11: True, 19: True},
+    falls_s=8.0,
+)
+ALONE = (REGISTERS, COILS)
+CLUSTER = (REGISTERS_CLUSTER, COILS_CLUSTER)
+LAYOUTS = (*ALONE, *CLUSTER)
 
 
 def program(layout: Layout) -> PlcProgram:
@@ -102,7 +139,7 @@ class Rig:
             self.machine.values[name] = state
 
     def write(self, cell: int, value: int | bool) -> None:
-        self.machine.values[self.layout.array][cell] = value
+        self.machine.values[self.layout.array].update({**self.layout.claim, cell: value})
 
     def cells(self) -> list[int | bool]:
         """What stands in the command cells."""

@@ -247,9 +247,10 @@ class Machine:
 
     def _conversion(self, node: Node) -> tuple[str, Evaluate]:
         kind, value = self._expression(_child(node, "arguments").named_children[0])
-        if _text(_child(node, "function")) != "UINT_TO_WORD" or kind != "UINT":
+        function = _text(_child(node, "function"))
+        if (function, kind) not in (("UINT_TO_WORD", "UINT"), ("WORD_TO_UINT", "WORD")):
             raise StError(f"no such conversion here: {_text(node)}")
-        return "WORD", value
+        return function.partition("_TO_")[2], value
 
     def _element(self, node: Node) -> tuple[str, Evaluate]:
         name, index = _text(_child(node, "object")), int(_text(_child(node, "index")))
@@ -267,6 +268,8 @@ class Machine:
         kind = left_kind if right_kind in (left_kind, "literal") else ""
         if operator == "AND" and kind == "BOOL":
             return "BOOL", lambda: bool(left()) & bool(right())
+        if operator == "AND" and kind == "WORD":
+            return kind, lambda: left() & right()
         if operator == "OR" and kind in ("BOOL", "WORD"):
             return kind, lambda: left() | right()
         if operator == "=" and kind in _RANGES:

@@ -217,6 +217,17 @@ def test_certificates_are_files_of_the_computer_of_the_site(office: Office) -> N
     assert [line.partition(" ")[0] for line in misplaced_files(relative)] == ["api.tls.key:"]
 
 
+def test_what_closes_a_fence_and_the_certificates_for_etcd_are_its_own_files_too(office: Office) -> None:
+    cluster = {
+        "machines": {"north": {"address": "http://192.0.2.1:5003"}, "south": {"address": "http://192.0.2.2:5003"}},
+        "etcd": ["https://192.0.2.1:2379"],
+        "tls": {"ca": "/etc/lift/ca.pem", "certificate": "/etc/lift/m.pem", "key": "etcd.key"},
+        "fence": {"plc": {"command": ["./close-port", "tls/x"]}},
+    }
+    lines = misplaced_files(office.draft(office.site(cluster=cluster)))
+    assert [line.partition(" ")[0] for line in lines] == ["cluster.fence.plc.command:", "cluster.tls.key:"]
+
+
 @pytest.mark.parametrize(("number", "of"), [(7, "berlin"), (8, "berlin"), (9, "rome")])
 def test_an_update_for_another_site_or_one_that_is_not_newer_is_refused(office: Office, number: int, of: str) -> None:
     installation = office.installation()
