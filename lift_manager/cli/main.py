@@ -133,7 +133,7 @@ def load_command(name: str) -> Any:
 def _import(name: str) -> ModuleType:
     """Import a module that imports most of the program.
 
-    What that brings stays as long as the process. To look through it for garbage, several times, would take a tenth of the start.
+    What that brings stays as long as the process. To look through it for garbage, several times, would take a quarter of the start.
     """
     if name in sys.modules:
         return sys.modules[name]
