@@ -6,6 +6,7 @@ import asyncio
 import logging
 import pwd
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -82,7 +83,7 @@ async def _run(path: Path, controllers: list[tuple[str, int]], user: int) -> Non
                 counted(len(controllers), "controller"),
             )
             notifier().send("READY=1")
-            await serve(Filter(controllers, user, kernel), sock, user, stop)
+            await serve(Filter(controllers, user, kernel, partial(load_rules, controllers)), sock, user, stop)
 
 
 def _path_of(loaded: LoadedSite) -> Path:

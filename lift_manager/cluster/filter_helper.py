@@ -58,14 +58,19 @@ class Filter:
         controllers: Sequence[tuple[str, int]],
         user: int,
         sets: Sets,
+        load: Callable[[], None],
         *,
         clock: Callable[[], float] = boottime,
     ) -> None:
-        """`controllers` are those of the rules, by address and port; `user` is whom the manager runs as."""
+        """`controllers` are those of the rules, by address and port; `user` is whom the manager runs as.
+
+        `load` puts the rules in their place again if somebody has removed them, such as a firewall that is loaded. Raises FilterFailed.
+        """
         self._names = controller_names(controllers)
         self._connections = connection_sets(controllers)
         self._user = user
         self._sets = sets
+        self._load = load
         self._clock = clock
         self._epoch: int | None = None
         self._holder: object = None
@@ -78,9 +83,20 @@ class Filter:
             )
         # what was begun in another term is forgotten in the transaction that permits this one
         forget = () if request.epoch == self._epoch else self._connections
+        was_loaded = False
         while (remaining_ms := self._remaining_ms(request.until)) > 0:
             begun_at = self._clock()
-            self._sets.permit(self._user, remaining_ms, forget)
+            try:
+                self._sets.permit(self._user, remaining_ms, forget)
+            except FilterFailed as error:
+                if was_loaded:
+                    raise
+                _log.error(
+                    "%s; the rules are loaded again, and connections to the controllers have to be made again", error
+                )
+                self._load()
+                was_loaded = True
+                continue
             if request.epoch != self._epoch:
                 _log.warning("the manager of epoch %d may reach the controllers", request.epoch)
             self._epoch, self._holder, forget = request.epoch, holder, ()

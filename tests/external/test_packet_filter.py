@@ -180,6 +180,14 @@ HELPER = COMMON + dedent("""\
     manager.sendall(encode(PermissionRequest(7, boottime() + 3600.0, names)))
     found["answer"] = manager.recv(1000).decode()
     found["term"] = reached("127.0.0.1")
+    # as a firewall that is loaded does
+    subprocess.run(["nft", "flush", "ruleset"], check=True)
+    manager.sendall(encode(PermissionRequest(7, boottime() + 0.05, names)))
+    manager.recv(1000)
+    wait(lambda: not reached("127.0.0.1"))
+    manager.sendall(encode(PermissionRequest(7, boottime() + 3600.0, names)))
+    manager.recv(1000)
+    found["loaded again"] = reached("127.0.0.1")
     manager.close()
     wait(lambda: not reached("127.0.0.1"))
     found["removal while it runs"] = subprocess.run([*command, "--remove"], capture_output=True).returncode
@@ -202,6 +210,7 @@ def test_the_program_permits_a_manager_with_a_term_and_keeps_everybody_off_after
             "it runs": False,
             "answer": '{"refused": ""}\n',
             "term": True,
+            "loaded again": True,
             "removal while it runs": 1,
             "ended": 0,
             "after its end": False,

@@ -54,7 +54,7 @@ class Site:
         stop = asyncio.Event()
         user = os.getuid() if user is None else user
         with listening(self.path) as sock:
-            serving = asyncio.create_task(serve(Filter(controllers, user, self), sock, user, stop))
+            serving = asyncio.create_task(serve(Filter(controllers, user, self, lambda: None), sock, user, stop))
             try:
                 yield
             finally:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
+from lift_manager.cluster.errors import FilterFailed
 from lift_manager.cluster.filter_helper import SLACK_S, Filter
 from lift_manager.cluster.filter_messages import (
     BadMessage,
@@ -34,12 +35,20 @@ class World:
         """For how many milliseconds, and which connections were forgotten; None for a withdrawal."""
         self.apply: Callable[[], None] = lambda: None
         """What happens while the kernel applies a change."""
-        self.filter = Filter(CONTROLLERS, USER, self, clock=lambda: self.now)
+        self.are_rules_there = self.can_load = True
+        self.filter = Filter(CONTROLLERS, USER, self, self.load, clock=lambda: self.now)
 
     def permit(self, user: int, ms: int, forget: Sequence[str] = ()) -> None:
         assert user == USER
+        if not self.are_rules_there:
+            raise FilterFailed("there is no such table")
         self.changes.append((ms, tuple(forget)))
         self.apply()
+
+    def load(self) -> None:
+        if not self.can_load:
+            raise FilterFailed("nft is not there")
+        self.are_rules_there = True
 
     def withdraw(self) -> None:
         self.changes.append(None)
@@ -105,6 +114,17 @@ def test_one_that_was_applied_after_the_term_is_withdrawn() -> None:
     world.apply = lambda: world.pass_time(5.0)
     assert world.request(1.0).refused
     assert world.changes == [(980, SETS), None]
+
+
+def test_rules_that_somebody_has_removed_are_loaded_again() -> None:
+    world = World()
+    world.request(1.5)
+    world.are_rules_there = False
+    assert world.request(1.5) == PermissionAnswer()
+    assert len(world.changes) == 2
+    world.are_rules_there = world.can_load = False
+    with pytest.raises(FilterFailed, match="nft is not there"):
+        world.request(1.5)
 
 
 def test_a_manager_of_another_site_file_is_refused() -> None:
