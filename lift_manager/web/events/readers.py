@@ -18,6 +18,8 @@ HEARTBEAT_S = 1.0
 """Longest time without data on a stream: below the shortest `max_age_s`, because after that a reader knows nothing."""
 CHECK_S = 0.25
 """How often all readers are checked. Chosen: short against HEARTBEAT_S, and a revoked key ends its streams well within a second."""
+READERS_A_TURN = 50
+"""Readers served in one turn of the event loop. Chosen: they take less than a millisecond, after which polls and requests go on."""
 BATCH_BYTES = 64 * 1024
 """Queued events are sent together up to this size. Chosen: what the server buffers before it makes a reader wait."""
 
@@ -54,6 +56,8 @@ class Reader:
         self._ended = False
         self._waiter: asyncio.Future[None] | None = None
         self._is_waking = False
+        self.turns = Turns()
+        """The readers among which it is served."""
         self.outlet: Outlet | None = None
         self._sent_at = self._loop.time()
 
@@ -121,24 +125,43 @@ class Reader:
     def _wake(self) -> None:
         if self._waiter is not None and not self._is_waking:
             self._is_waking = True
-            self._loop.call_soon(self._send_or_wake)
+            self.turns.add(self)
 
-    def _send_or_wake(self) -> None:
+    def send_or_wake(self) -> None:
         """Send what has come if there is room, which costs a fraction of a turn of the task that awaits `next`; else let it return."""
         self._is_waking = False
         waiter, outlet = self._waiter, self.outlet
         if waiter is None or waiter.done() or not self._has_next:
             return
-        if outlet is None or self._ended or not outlet.has_room:
-            waiter.set_result(None)
-            return
         try:
-            outlet.write(self._take())
+            is_sent = outlet is not None and not self._ended and outlet.has_room
+            if is_sent and outlet is not None:
+                outlet.write(self._take())
         except Exception as bug:  # noqa: BLE001  `next` raises it
             waiter.set_exception(bug)
         else:
-            if self._queue or self._backlog:
+            if not is_sent or self._queue or self._backlog:
                 waiter.set_result(None)
+
+
+class Turns:
+    """Serves readers that have something to send, in the order in which they were added, and lets other work go on in between."""
+
+    def __init__(self) -> None:
+        self._readers: deque[Reader] = deque()
+
+    def add(self, reader: Reader) -> None:
+        """Serve a reader soon."""
+        if not self._readers:
+            asyncio.get_running_loop().call_soon(self._serve)
+        self._readers.append(reader)
+
+    def _serve(self) -> None:
+        for _ in range(min(READERS_A_TURN, len(self._readers))):
+            self._readers[0].send_or_wake()
+            self._readers.popleft()  # only now: one that is added meanwhile needs no other call
+        if self._readers:
+            asyncio.get_running_loop().call_soon(self._serve)
 
 
 class OpenStreams:
@@ -150,6 +173,7 @@ class OpenStreams:
         self._of_key: Counter[str] = Counter()
         """By the id of a key."""
         self._readers: dict[Reader, Callable[[], bool]] = {}
+        self._turns = Turns()
         self._registered = 0
         self._check_timer: asyncio.TimerHandle | None = None
 
@@ -189,7 +213,8 @@ class OpenStreams:
 
     @contextmanager
     def register(self, reader: Reader, admits: Callable[[], bool]) -> Iterator[None]:
-        """Send heartbeats to a reader within the context, and end it as soon as `admits` returns False."""
+        """Serve a reader in turn with all others within the context, send it heartbeats, and end it as soon as `admits` returns False."""
+        reader.turns = self._turns
         self._readers[reader] = admits
         self._registered += 1
         if self._check_timer is None:

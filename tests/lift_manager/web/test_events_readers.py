@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Coroutine
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -15,7 +16,7 @@ from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Phase
 from lift_manager.web.events.feed import KEEP_EVENTS_S, MAX_KEPT_EVENTS, Feed, PublishedEvent, StreamScope
-from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, OpenStreams, Reader
+from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, READERS_A_TURN, OpenStreams, Reader
 from lift_manager.web.outlet import Outlet
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import key, ring
@@ -401,6 +402,34 @@ def test_a_connection_with_room_is_sent_events_in_their_order_without_its_task_b
             reader.end()
             await taking
             assert len(noted.sent) == 3
+
+    run(main())
+
+
+def test_what_comes_while_many_readers_are_served_does_not_wait_for_all_of_them() -> None:
+    async def main() -> None:
+        manager, outlets, served = Happening(), [Room() for _ in range(3 * READERS_A_TURN - 1)], list[int]()
+        feed, loop = Feed(manager, OpenStreams(len(outlets))), asyncio.get_running_loop()
+
+        def note() -> None:
+            served.append(sum(bool(outlet.sent) for outlet in outlets))
+            if served[-1] < len(outlets):
+                loop.call_soon(note)
+
+        with ExitStack() as readers:
+            taking = []
+            for outlet in outlets:
+                reader = readers.enter_context(feed.reader(StreamScope(), None, always))
+                reader.outlet = outlet
+                taking.append((reader, asyncio.ensure_future(Noting().take(reader))))
+            await elapse(0.1)
+            manager.happens(Alarm("lift", "one"))
+            loop.call_soon(note)
+            await elapse(0.1)
+            assert served == [READERS_A_TURN, 2 * READERS_A_TURN, len(outlets)]
+            for reader, task in taking:
+                reader.end()
+                await task
 
     run(main())
 
