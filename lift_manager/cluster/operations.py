@@ -30,7 +30,7 @@ from lift_manager.cluster.term import UNCHANGED_S, Key
 from lift_manager.runtime.recorder import SavedLift
 
 ACCEPTED_WITHIN_S = 8.0
-"""How long a standby may take to accept a handover. Chosen: one that has just started does so after 5 s (`term.ANSWERING_S`)."""
+"""How long a standby may take to accept a handover. Chosen: one that has just started does so after 5 s at the most (`term.ANSWERING_S`)."""
 
 TAKEN_WITHIN_S = 10.0
 """How long the roles may take to change after that."""
