@@ -17,7 +17,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -94,16 +94,25 @@ BENCHMARKS = (
 )
 
 
-def run(benchmark: Benchmark, *, quick: bool, folder: Path | None) -> Figures | None:
+def play(*words: str) -> None:
+    """Play a benchmark in a process of its own: the path of its program, and its arguments."""
+    subprocess.run([sys.executable, *words], cwd=ROOT, check=False)  # noqa: S603  our own; 1 where a limit is missed
+
+
+Play = Callable[..., None]
+"""A function like `play`."""
+
+
+def run(benchmark: Benchmark, play: Play, *, quick: bool, folder: Path | None) -> Figures | None:
     """Run one benchmark, whose output is shown; None if one of its runs found nothing."""
     whole = Figures()
     for arguments in (benchmark.quick,) if quick else benchmark.full:
         more = ("--folder", str(folder)) if benchmark.on_disk and folder is not None else ()
         with tempfile.TemporaryDirectory() as place:
             file = Path(place, "figures.json")
-            command = [sys.executable, str(HERE / f"{benchmark.name}.py"), *arguments, *more, "--figures", str(file)]
-            print(f"== {' '.join(command[1:-2])}", flush=True)
-            subprocess.run(command, cwd=ROOT, check=False)  # noqa: S603  our own; 1 where a limit is missed
+            words = [str(HERE / f"{benchmark.name}.py"), *arguments, *more]
+            print(f"== {' '.join(words)}", flush=True)
+            play(*words, "--figures", str(file))
             if not file.exists():
                 return None
             found = json.loads(file.read_text("utf-8"))
@@ -185,7 +194,7 @@ def _processor() -> str:
     return found[1].strip() if found else platform.machine()
 
 
-def main(words: Sequence[str] | None = None) -> None:
+def main(words: Sequence[str] | None = None, play: Play = play) -> None:
     """Run what is wanted and possible; exits with 1 if one found nothing. The words are those of the command line by default."""
     names: Mapping[str, Benchmark] = {benchmark.name: benchmark for benchmark in BENCHMARKS}
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0], prog="python -m benchmarks")
@@ -201,7 +210,7 @@ def main(words: Sequence[str] | None = None) -> None:
             print(f"== {name}.py is left out, because there is no {lacks}", flush=True)
             continue
         began = describe_run()
-        if (found := run(names[name], quick=chosen.quick, folder=chosen.folder)) is None:
+        if (found := run(names[name], play, quick=chosen.quick, folder=chosen.folder)) is None:
             failed.append(name)
         elif into is not None:
             keep(name, found, began, into)

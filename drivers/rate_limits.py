@@ -41,8 +41,10 @@ class RowRateLimiter:
         if now - began >= SUMMARY_EVERY_S:
             had_more = used > share and now - began < 2 * SUMMARY_EVERY_S
             share, began, used = max(1, self.rows // OF_MANY) if had_more else self.rows, now, 0
-        after = replace(self, _share=share, _began=began, _used=used + 1)
-        return (replace(after, repeats_only=False), False) if used >= share else (replace(after, last=row), True)
+        is_admitted = used < share
+        last, repeats_only = (row, self.repeats_only) if is_admitted else (self.last, False)
+        after = replace(self, last=last, repeats_only=repeats_only, _share=share, _began=began, _used=used + 1)
+        return after, is_admitted
 
     def count(self, word: str, now: float) -> RowRateLimiter:
         """Count a row that was not admitted, under its `word`."""
@@ -55,7 +57,7 @@ class RowRateLimiter:
 
     def cleared(self) -> RowRateLimiter:
         """Return it after the summary of what was counted."""
-        return replace(self, counts={}, repeats_only=True)
+        return replace(self, counts={}, repeats_only=True) if self.counts or not self.repeats_only else self
 
 
 class ChangeRateLimiter:

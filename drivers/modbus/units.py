@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from drivers.clock import suspended_s
 from drivers.errors import ACCEPTED, ControllerException
@@ -96,7 +97,7 @@ class Units:
 
     def request(self, block: Block) -> Request:
         """Make the request that reads a block."""
-        return frames.read(block.table, block.start, block.count, self.unit(block.endpoint))
+        return _read(block, self.unit(block.endpoint))
 
     async def cells(self, blocks: Iterable[Block], *, urgent: bool = True) -> dict[Cell, int]:
         """Read these blocks, each once, in the command lane, or in the read lane if not `urgent`."""
@@ -128,3 +129,9 @@ class Units:
     def word_lock(self, endpoint: str) -> asyncio.Lock:
         """Return the lock that prevents other lifts on this link from writing between our read of a shared word and its write."""
         return self.link(endpoint).shared_words
+
+
+@lru_cache(1024)
+def _read(block: Block, unit: int) -> Request:
+    """Return the request that reads a block: lifts that are read alike share it, and so do the reads of one block."""
+    return frames.read(block.table, block.start, block.count, unit)

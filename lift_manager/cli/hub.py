@@ -28,10 +28,11 @@ from lift_manager.cli.keys import check_name, current_user, keep_to_owner, key_l
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.tls_options import Ca, tls_context
+from lift_manager.config.tls import EXPIRY_WARNING
 from lift_manager.hub.commands import read_action
 from lift_manager.hub.connection import require_nats
 from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing, SiteRefused
-from lift_manager.hub.folder import HttpSettings, HubFolder, HubSettings, NatsSettings
+from lift_manager.hub.folder import CERTIFICATES, HttpSettings, HubFolder, HubSettings, NatsSettings
 from lift_manager.hub.messages import BeginRide, CancelRide
 from lift_manager.hub.nats_server import NatsServerMissing
 from lift_manager.hub.remote_site import SiteState
@@ -94,7 +95,7 @@ def hub(
         require_nats()
         place = _open(folder)
         settings = place.settings().http
-        for caution in _cautions(place.settings()):
+        for caution in (*_cautions(place.settings()), *_expiry_cautions(place)):
             _log.warning("%s", caution)
         try:
             sock = listen(settings.host, settings.port)
@@ -353,6 +354,13 @@ def _cautions(settings: HubSettings) -> Iterator[str]:
         yield f"leaf nodes connect to {settings.nats.leaf_host} without TLS: others on the way can read and change what sites send; add `nats: {{tls: ...}}`"
     if settings.http.tls is None and not is_loopback(settings.http.host):
         yield f"the API listens on {settings.http.host} without TLS: keys cross the network as they are; add `http: {{tls: ...}}`"
+
+
+def _expiry_cautions(place: HubFolder) -> Iterator[str]:
+    """Yield a line about each certificate that does not last much longer."""
+    for name, until in place.certificates().items():
+        if until is not None and until - datetime.now(UTC) < EXPIRY_WARNING:
+            yield f"the certificate of `{CERTIFICATES[name]}` in hub.yaml is valid until {until:%Y-%m-%d}; renew it in time"
 
 
 def _key_file(folder: HubFolder, settings: HttpSettings, sock: socket) -> KeyFile:

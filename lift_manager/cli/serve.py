@@ -139,11 +139,17 @@ def _serve_site(
         try:
             released = run(_serve(loaded, sock, run_on(sock), faces, stopped_early))
         except* DdsError as group:
-            raise report_join_failure(group.exceptions[0]) from group
+            raise report_join_failure(first_error(group)) from group
         except* (ControllerTaken, LockUnusable, ListenError, ClusterError) as group:
-            raise fail(str(group.exceptions[0])) from group
+            raise fail(str(first_error(group))) from group
     if not released:
         raise typer.Exit(1)
+
+
+def first_error(group: BaseExceptionGroup[Exception]) -> Exception:
+    """Return the first error itself: in a cluster, task groups are in each other."""
+    error = group.exceptions[0]
+    return first_error(error) if isinstance(error, BaseExceptionGroup) else error
 
 
 def _run(loaded: LoadedSite) -> Callable[[socket], Run]:

@@ -80,8 +80,19 @@ def _machine_cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield what should be known of this computer, if it is one of the machines of a cluster."""
     if (cluster := loaded.site.cluster) is None or (cluster.machine or socket.gethostname()) not in cluster.machines:
         return
-    from lift_manager.cluster.kept_packets import kept_packets_cautions  # noqa: PLC0415  a manager that is alone does not load it
+    from lift_manager.cluster.errors import ClusterUnusable  # noqa: PLC0415  a manager that is alone does not load these
+    from lift_manager.cluster.kept_packets import kept_packets_cautions  # noqa: PLC0415
+    from lift_manager.cluster.solo_file import SoloFile  # noqa: PLC0415
 
+    try:
+        solo = SoloFile(store_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)).read()
+    except StoreUnusable:
+        solo = None  # an obstacle, which is reported as such
+    except ClusterUnusable as error:
+        yield f"cluster: {error}"
+        solo = None
+    if solo is not None:
+        yield f"cluster: {solo.text}"
     yield from kept_packets_cautions(controller.host for controller in loaded.controllers.values())
     if cluster.packet_filter is not None and not path_of(loaded.path.parent, cluster.packet_filter).exists():
         yield (

@@ -282,14 +282,20 @@ class Member:
         self._taken.set()
 
     def _take_handover(self, handover: Handover, key: Key) -> None:
-        """Accept a handover as the standby; once it is accepted, write nothing any more as the active."""
+        """Accept a handover as the standby, once it could take over; as the active, write nothing any more once it is accepted."""
         if self.active is not None:
             if handover.accepted_by and handover.epoch == self.active.key.epoch and not self.active.over.is_set():
                 _log.warning("cluster: %s has requested that %s takes over", handover.by, handover.accepted_by)
                 self.active.handed_over_by = handover.by
                 self.leave()
                 self.active.end()
-        elif key.owner and handover.epoch == key.epoch and not handover.accepted_by and self._worker is not None:
+        elif (
+            key.owner
+            and handover.epoch == key.epoch
+            and not handover.accepted_by
+            and self._worker is not None
+            and self._clock() >= self._term.ready_at
+        ):
             compare = [has_value(self._place.handover, encode_handover(handover))]
             accepted = replace(handover, accepted_by=self.name)
             job = self._worker.submit(

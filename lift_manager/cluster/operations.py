@@ -29,8 +29,8 @@ from lift_manager.cluster.etcd import Etcd, has_revision, has_value, put, read, 
 from lift_manager.cluster.term import UNCHANGED_S, Key
 from lift_manager.runtime.recorder import SavedLift
 
-ACCEPTED_WITHIN_S = 3.0
-"""How long a standby may take to accept a handover. Chosen: it looks every 0.3 s."""
+ACCEPTED_WITHIN_S = 8.0
+"""How long a standby may take to accept a handover. Chosen: one that has just started does so after 5 s (`term.ANSWERING_S`)."""
 
 TAKEN_WITHIN_S = 10.0
 """How long the roles may take to change after that."""

@@ -27,7 +27,13 @@ class SoloFile:
             raise ClusterUnusable(
                 f"{self.path} cannot be read ({error}); it says that this machine goes on alone"
             ) from error
-        return decode_solo([Entry(str(self.path), content, 0)])
+        try:
+            return decode_solo([Entry(str(self.path), content, 0)])
+        except ClusterUnusable as error:
+            raise ClusterUnusable(
+                f"{self.path}, which says that this machine goes on alone, is damaged or of another version. See to it that the other machine is"
+                " off or has ended, remove this file, and decide again which machine continues"
+            ) from error
 
     def write(self, solo: Solo) -> None:
         """Replace the decision durably. Raises ClusterUnusable."""

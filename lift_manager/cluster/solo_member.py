@@ -94,9 +94,10 @@ class SoloMember:
         return self.active
 
     async def give_up(self) -> None:
-        """End the term, once nothing of it is left to be written."""
+        """End the term, once nothing of it is left to be written. The next one begins after another look, as after a start."""
         if self.active is not None:
             self.active.end()
+        self._watch = replace(self._watch, is_active=False, known_at=self._clock())
 
     def stand_by(self) -> None:
         """Begin another term after `give_up` as soon as that is allowed."""

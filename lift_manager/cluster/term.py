@@ -187,8 +187,12 @@ class Term:
         if self.key is None or self.key.revision == 0 or self.is_barred:
             return math.inf
         is_free = not self.key.owner and self.key.epoch != self.left
-        unchanged_at = self.known_at + (0.0 if is_free else UNCHANGED_S)
-        return max(unchanged_at, self.answering_since + ANSWERING_S, self.pauses_until)
+        return max(self.ready_at, self.known_at + (0.0 if is_free else UNCHANGED_S))
+
+    @property
+    def ready_at(self) -> float:
+        """When a standby could take the key if its owner gave it up; before that it accepts no handover."""
+        return math.inf if self.is_barred else max(self.answering_since + ANSWERING_S, self.pauses_until)
 
     @property
     def wake_at(self) -> float:

@@ -390,6 +390,8 @@ def server_configuration(settings: NatsSettings, registry: Registry, folder: Pat
     )
 
 
+CERTIFICATES = {"api": "http: tls", "nats": "nats: tls", "ca": "nats: ca"}
+"""What certificates are for, with the setting that names each."""
 PID_FILE, LOG_FILE = "nats.pid", "nats.log"
 LOG_BYTES = 10_000_000
 """Of one of three log files: a site that is refused causes lines as often as it likes."""

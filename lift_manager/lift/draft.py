@@ -39,18 +39,13 @@ class Draft:
 
     def change(self, **fields: Any) -> None:
         """Go on with another record. The names are those of `LiftRecord`; the rules' tests see to the rest."""
-        record = self.record
-        for name, value in fields.items():
-            known = getattr(record, name)
-            if known is not value and known != value:
-                self.record = record.having(**fields)
-                return
+        if _differ(self.record, fields):
+            self.record = self.record.having(**fields)
 
     def change_durable(self, **fields: Any) -> None:
         """Continue with a record whose durable part has changed."""
-        durable: DurableRecord = replace(self.record.durable, **fields)
-        if durable != self.record.durable:
-            self.record = self.record.having(durable=durable)
+        if _differ(self.record.durable, fields):
+            self.record = self.record.having(durable=replace(self.record.durable, **fields))
 
     def emit(self, event: Event) -> None:
         """Publish an event once this step is done."""
@@ -82,3 +77,12 @@ class Draft:
         self.actions += [Cancel(one) for one in ids]
         if gone:
             self.change(presses=tuple(pending for pending in self.record.presses if pending not in gone))
+
+
+def _differ(before: LiftRecord | DurableRecord, fields: dict[str, Any]) -> bool:
+    """Whether any of these is another value: most changes of a step are none, and a copy costs more than this."""
+    for name, value in fields.items():
+        known = getattr(before, name)
+        if known is not value and known != value:
+            return True
+    return False

@@ -6,6 +6,7 @@ import math
 from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from operator import attrgetter
+from typing import Any
 
 from lift_manager.lift import handshake, history
 from lift_manager.lift.call import CallOutput, call_after_restart, call_command, ends_call
@@ -47,19 +48,17 @@ def save(draft: Draft) -> None:
     durable = draft.record.durable
     occupied, owed = _left_behind(draft)
     clock = draft.moment.clock
-    after = replace(durable, occupied=_occupied(durable, occupied, clock))
+    after: dict[str, Any] = {"occupied": _occupied(durable, occupied, clock)}
     if owed is not (durable.robot_left_pending_since is not None):
-        after = replace(after, robot_left_pending_since=clock if owed else None)
+        after["robot_left_pending_since"] = clock if owed else None
     if not draft.record.is_stopping:
-        after = replace(
-            after,
-            robot_mode_until=_robot_mode_until(draft, durable),
-            session=_saved(draft, durable),
-            commands=saved_commands(draft.record.commands),
-            past_sessions=_saved_past(draft.record),
-        )
-    if after != durable:
-        draft.change(durable=after)
+        after |= {
+            "robot_mode_until": _robot_mode_until(draft, durable),
+            "session": _saved(draft, durable),
+            "commands": saved_commands(draft.record.commands),
+            "past_sessions": _saved_past(draft.record),
+        }
+    draft.change_durable(**after)
 
 
 def _saved_past(record: LiftRecord) -> tuple[SavedPast, ...]:

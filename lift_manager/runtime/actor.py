@@ -256,7 +256,9 @@ class LiftActor:
         elif isinstance(happened, Reading):
             self.journal.link(done.record.fault, moment.now, answers=True)
             self.journal.mode(happened.reading.values.mode, moment.now)
-        self._carry_out(done, replace(moment, read_at=self._read_at), not_recorded=isinstance(happened, CommitFailed))
+        if moment.read_at != self._read_at:
+            moment = replace(moment, read_at=self._read_at)
+        self._carry_out(done, moment, not_recorded=isinstance(happened, CommitFailed))
         return done.reply
 
     def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:

@@ -30,6 +30,8 @@ from tests.campaigns.truth import maps, quiet
 from tests.support.trip_sites import NO_TRIP
 
 POLL_S = 0.5
+PARTS_OF_AN_HOUR = 4
+"""After each of them memory is measured, which looks for all garbage first."""
 QUIET_S = 240.0
 """Most time from the end of one minute with robots and faults to the beginning of the next, on one lift."""
 MAY_GROW = 0.05
@@ -81,11 +83,11 @@ def building(count: int) -> LoadedSite:
 
 
 def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] = lambda _: None) -> Day:
-    """Let the day pass; `tell` gets a line for each thirty-second part of it, and one for each finding."""
+    """Let the day pass; `tell` gets a line for each quarter of an hour, and one for each finding."""
     loaded = building(lifts)
     oracle = oracle_of(loaded)
     day = Day(lifts, hours, Played(Schedule(seed, "all", 1.0, 900.0, 300.0, 5.0, ()), oracle.findings))
-    lasts_s = hours * 3600
+    lasts_s, parts = hours * 3600, max(2, round(hours * PARTS_OF_AN_HOUR))
 
     async def main() -> None:
         story = Story(oracle.findings, {name: judged.controllers for name, judged in oracle.lifts.items()})
@@ -94,16 +96,16 @@ def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] =
             busy = [
                 asyncio.ensure_future(_busy(world, name, seed * 1000 + n, day)) for n, name in enumerate(world.lifts)
             ]
-            for part in range(1, 33):
+            for part in range(1, parts + 1):
                 told = len(oracle.findings)
-                await elapse(lasts_s / 32)
+                await elapse(lasts_s / parts)
                 for task in busy:
                     if task.done():
                         task.result()  # it never ends by itself
                 world.forget()
                 gc.collect()
-                day.memory.append((hours * part / 32, _resident()))
-                tell(f"{hours * part / 32:g} h, {day.memory[-1][1] / 1e6:.0f} MB, {len(oracle.findings)} findings")
+                day.memory.append((hours * part / parts, _resident()))
+                tell(f"{hours * part / parts:g} h, {day.memory[-1][1] / 1e6:.0f} MB, {len(oracle.findings)} findings")
                 for number, found in enumerate(oracle.findings[told:], start=told):
                     tell(f"  {found}")
                     for line in story.of(number):

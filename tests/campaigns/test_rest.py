@@ -1,10 +1,12 @@
 """The campaign on the REST interface, on a small scale: every operation, as every caller."""
 
 from lift_manager.api.roles import Role
-from tests.campaigns.rest import campaign
 
 
 def test_requests_made_from_the_document_find_nothing_undocumented_and_nothing_beyond_a_role() -> None:
+    # it imports schemathesis, which takes a fifth of a second in each worker where this is only collected
+    from tests.campaigns.rest import campaign
+
     found = campaign(seconds=0, first_seed=1, examples=1)
     assert found.findings == []
     asked = {(caller, label) for caller, label, _ in found.asked}

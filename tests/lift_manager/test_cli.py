@@ -14,7 +14,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+from drivers.errors import ControllerTaken
 from lift_manager.cli.main import COMMANDS, SUMMARIES, load_command
+from lift_manager.cli.serve import first_error
 from lift_manager.store.place import store_path
 from register_maps.load import MAPS
 from tests.support.programs import HANGS_S, ROOT, call, run, run_each, running
@@ -393,3 +395,8 @@ def test_what_is_no_address_of_a_manager_is_refused_in_words(written: str) -> No
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     assert "--manager" in done.stderr
+
+
+def test_what_stops_a_manager_is_found_in_the_task_groups_around_it() -> None:
+    taken = ControllerTaken("127.0.0.1:502", "7")
+    assert first_error(ExceptionGroup("outer", [ExceptionGroup("inner", [taken])])) is taken

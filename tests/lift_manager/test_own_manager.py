@@ -3,7 +3,6 @@
 import json
 import logging
 import signal
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import Refused
 from lift_manager.lab.bench import LiftSimulator
 from lift_manager.lab.world.truth import Truth
-from tests.support.programs import HANGS_S, call, started
+from tests.support.programs import HANGS_S, call, running_script
 from tests.support.rows import each_row
 
 HOLD = "hold_door.front"
@@ -193,7 +192,7 @@ def test_a_signal_releases_a_held_door_however_often_it_comes(
     lift_simulator: LiftSimulator, site: Path, number: signal.Signals, times: int
 ) -> None:
     before = len(holds(lift_simulator))
-    with started(sys.executable, "-c", TOOL, str(site), cwd=site.parent) as tool:
+    with running_script(TOOL, site, cwd=site.parent) as tool:
         lift_simulator.wait_for(is_held, within_s=HANGS_S)
         for _ in range(times):
             tool.tell(number)

@@ -1,4 +1,4 @@
-"""The part of `subprocess.Popen` that tests need, for a `lift-manager` that the starter forks."""
+"""The part of `subprocess.Popen` that tests need, for a `lift-manager`, or a script that uses it, that the starter forks."""
 
 import atexit
 import functools
@@ -31,11 +31,12 @@ class Forked:
         err: int,
         cwd: Path | None = None,
         stdin: int | None = None,
+        script: str = "",
     ) -> None:
-        """Start it with these open files; nothing can be read from a `stdin` that is not given."""
+        """Start it, or the script, with these open files; nothing can be read from a `stdin` that is not given."""
         self._words = words
         self._code: int | None = None
-        order = Order(words=list(words), env=dict(env), cwd=str(cwd or Path.cwd()))
+        order = Order(script=script, words=list(words), env=dict(env), cwd=str(cwd or Path.cwd()))
         self._answers, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             files = [theirs.fileno(), out, err, *(() if stdin is None else (stdin,))]

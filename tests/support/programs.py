@@ -67,6 +67,7 @@ class Program:
         forked: bool = False,
         more: Mapping[str, str] | None = None,
         stdin: int | None = None,
+        script: str = "",
     ) -> None:
         self._out, self._err = folder / "out", folder / "err"
         self._process: subprocess.Popen[bytes] | Forked
@@ -74,7 +75,9 @@ class Program:
             # what a manager remembers over a restart ends with the test, unless its site file names a folder
             env = os.environ | {"XDG_STATE_HOME": str(folder)} | dict(more or {})
             if forked:
-                self._process = Forked(command, env=env, cwd=cwd, out=out.fileno(), err=err.fileno(), stdin=stdin)
+                self._process = Forked(
+                    command, env=env, cwd=cwd, out=out.fileno(), err=err.fileno(), stdin=stdin, script=script
+                )
             else:
                 self._process = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd, env=env
@@ -140,6 +143,13 @@ def running(*arguments: str | Path, cwd: Path | None = None, env: Mapping[str, s
 
 
 @contextmanager
+def running_script(script: str, *arguments: str | Path, cwd: Path | None = None) -> Iterator[Program]:
+    """Run Python that imports what `lift-manager` imports, as `running` does."""
+    with _running(tuple(map(str, arguments)), cwd, forked=True, script=script) as program:
+        yield program
+
+
+@contextmanager
 def started(*command: str, cwd: Path | None = None) -> Iterator[Program]:
     """Run any program, as `running` does, from its very start."""
     with _running(command, cwd, forked=False) as program:
@@ -148,10 +158,15 @@ def started(*command: str, cwd: Path | None = None) -> Iterator[Program]:
 
 @contextmanager
 def _running(
-    command: tuple[str, ...], cwd: Path | None, *, forked: bool, more: Mapping[str, str] | None = None
+    command: tuple[str, ...],
+    cwd: Path | None,
+    *,
+    forked: bool,
+    more: Mapping[str, str] | None = None,
+    script: str = "",
 ) -> Iterator[Program]:
     with TemporaryDirectory() as folder:
-        program = Program(command, Path(folder), cwd, forked=forked, more=more)
+        program = Program(command, Path(folder), cwd, forked=forked, more=more, script=script)
         try:
             yield program
         finally:

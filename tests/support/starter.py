@@ -1,4 +1,4 @@
-"""Starts `lift-manager` without the second that its imports take: a process that has imported it forks for each start.
+"""Starts `lift-manager`, or a script that uses it, without the second that its imports take: a process that has imported it forks for each.
 
 Started as a program with a socket as its stdin. Each message on it is one start (`Order`, as JSON) with three open
 files: a socket, and what becomes stdout and stderr; a fourth one becomes stdin. Into the socket goes the id of the process, and when that has ended
@@ -23,6 +23,8 @@ from lift_manager.cli.main import COMMANDS
 class Order(TypedDict):
     """One start."""
 
+    script: str
+    """Python to run in the place of `lift-manager`, or empty."""
     words: list[str]
     env: dict[str, str]
     cwd: str
@@ -67,6 +69,9 @@ def carry_out(order: Order) -> None:
     time.tzset()
     os.chdir(order["cwd"])
     sys.argv[1:] = order["words"]
+    if order["script"]:
+        exec(order["script"], {"__name__": "__main__"})
+        return
     runpy.run_module("lift_manager", run_name="__main__", alter_sys=True)
 
 

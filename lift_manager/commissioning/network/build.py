@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator
 from ipaddress import ip_address
+from urllib.parse import urlsplit
 
 from drivers.modbus.read_plan import plan_reads, polled_points
 from drivers.modbus.writes import read_back_blocks
@@ -63,7 +64,14 @@ def network(loaded: LoadedSite, lookup: Lookup | None = None) -> Network:
         maps=uses,
         stations=stations,
         leaf_node=_leaf_node(loaded, lookup),
+        etcd=tuple(_member(url, lookup) for url in ([] if site.cluster is None else site.cluster.etcd)),
     )
+
+
+def _member(url: str, lookup: Lookup | None) -> Peer:
+    parts = urlsplit(url)
+    tls, host = parts.scheme == "https", parts.hostname or ""
+    return _peer(Server(host, parts.port or (443 if tls else 80), tls), lookup, owner="etcd")
 
 
 def _leaf_node(loaded: LoadedSite, lookup: Lookup | None) -> LeafNode | None:
@@ -86,8 +94,8 @@ def _leaf_node(loaded: LoadedSite, lookup: Lookup | None) -> LeafNode | None:
     return LeafNode(peer, on_loopback=True, hub=hub)
 
 
-def _peer(server: Server, lookup: Lookup | None) -> Peer:
-    found = () if lookup is None else addresses("hub", server.host, lookup)
+def _peer(server: Server, lookup: Lookup | None, *, owner: str = "hub") -> Peer:
+    found = () if lookup is None else addresses(owner, server.host, lookup)
     return Peer(one_line(server.host), found, server.port, server.uses_tls)
 
 

@@ -93,7 +93,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A NATS server."""
+    """A NATS server, or a member of etcd."""
 
     host: str
     """As it is configured: an address or a name."""
@@ -142,10 +142,12 @@ class Network:
     maps: tuple[MapUse, ...]
     stations: tuple[Station, ...]
     leaf_node: LeafNode | None = None
+    etcd: tuple[Peer, ...] = ()
+    """The members of the etcd of a cluster; empty if the manager is alone."""
 
     @property
     def outside(self) -> tuple[Peer, ...]:
-        """What the manager's computer connects to, besides controllers."""
+        """What the manager's computer connects to for the hub of many sites."""
         return () if self.leaf_node is None else self.leaf_node.outside
 
     @property

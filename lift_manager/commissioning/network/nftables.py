@@ -19,7 +19,7 @@ def host(found: Network, clients: Sequence[str], user: str) -> Iterator[str]:
     yield from lines.header(found, "nftables for the lift manager's own computer")
     yield from lines.comment(
         "It adds to what that computer's firewall does, and is about nothing but the lift manager: its user reaches the controllers and "
-        f"nothing else{_hub_text(found)}, nobody but its user reaches them, and only the named networks reach its API.",
+        f"nothing else{_others_text(found)}, nobody but its user reaches them, and only the named networks reach its API.",
         "Load: nft -f FILE. Try first: nft -c -f FILE. The user has to exist before. Tools that are to reach a controller run as that user.",
         *_names(found),
         *_api(found, clients),
@@ -34,8 +34,8 @@ def host(found: Network, clients: Sequence[str], user: str) -> Iterator[str]:
         place = f"{_IP[version]} daddr . tcp dport @controllers{version}"
         yield f"    {place} meta skuid {_user(user)} accept"
         yield f"    {place} counter reject"
-    for version in _hub_versions(found):
-        yield f"    {_IP[version]} daddr . tcp dport @hub{version} meta skuid {_user(user)} accept"
+    for name, version, _ in _others(found):
+        yield f"    {_IP[version]} daddr . tcp dport @{name}{version} meta skuid {_user(user)} accept"
     yield f'    meta skuid {_user(user)} ct direction original oifname != "lo" counter drop'
     yield "  }"
     yield "  chain input {"
@@ -74,8 +74,9 @@ def gateway(found: Network, clients: Sequence[str], managers: Sequence[str]) -> 
     yield "    type filter hook forward priority filter; policy accept;"
     for version in sorted(set(_versions(found)) & {version for version, _ in _listed(managers)}):
         yield from _to_controllers(version)
-    for version in sorted(set(_hub_versions(found)) & {version for version, _ in _listed(managers)}):
-        yield from _to_hub(version)
+    for name, version, _ in _others(found):
+        if version in {version for version, _ in _listed(managers)}:
+            yield from _to_other(name, version)
     if not found.on_loopback:
         both = {version for version, _ in _listed(clients)} & {version for version, _ in _listed(managers)}
         for version in sorted(both):
@@ -101,11 +102,11 @@ def _to_controllers(version: int) -> Iterator[str]:
     yield f"    ct state related ct original {ip} saddr @managers{version} ct reply {ip} saddr @devices{version} accept"
 
 
-def _to_hub(version: int) -> Iterator[str]:
-    """Let through what the leaf node begins; the hub begins no connection."""
+def _to_other(name: str, version: int) -> Iterator[str]:
+    """Let through what the leaf node or a manager of a cluster begins; neither the hub nor etcd begins a connection."""
     ip = _IP[version]
-    yield f"    {ip} saddr @managers{version} {ip} daddr . tcp dport @hub{version} accept"
-    yield f"    {ip} daddr @managers{version} {ip} saddr . tcp sport @hub{version} ct direction reply accept"
+    yield f"    {ip} saddr @managers{version} {ip} daddr . tcp dport @{name}{version} accept"
+    yield f"    {ip} daddr @managers{version} {ip} saddr . tcp sport @{name}{version} ct direction reply accept"
 
 
 def _to_api(version: int, port: int) -> Iterator[str]:
@@ -123,8 +124,8 @@ def _sets(found: Network, clients: Sequence[str]) -> Iterator[str]:
             for address in lines.by_version(station.addresses)[version]
         ]
         yield from _set(f"controllers{version}", f"{_TYPE[version]} . inet_service", places)
-    for version in _hub_versions(found):
-        yield from _set(f"hub{version}", f"{_TYPE[version]} . inet_service", _hub_places(found, version))
+    for name, version, places in _others(found):
+        yield from _set(f"{name}{version}", f"{_TYPE[version]} . inet_service", places)
     if not found.on_loopback:
         for version, listed in _listed(clients):
             yield from _set(f"clients{version}", _TYPE[version], listed, flags="interval")
@@ -144,18 +145,20 @@ def _versions(found: Network) -> list[int]:
     return [version for version, _ in _listed(each for station in found.stations for each in station.addresses)]
 
 
-def _hub_places(found: Network, version: int) -> list[str]:
-    return [
-        f"{address} . {peer.port}" for peer in found.outside for address in lines.by_version(peer.addresses)[version]
-    ]
+def _others(found: Network) -> Iterator[tuple[str, int, list[str]]]:
+    """Yield what else the manager's computer connects to: the name of a set, the version of IP, and the elements of the set."""
+    for name, peers in (("hub", found.outside), ("etcd", found.etcd)):
+        for version in _IP:
+            places = [
+                f"{address} . {peer.port}" for peer in peers for address in lines.by_version(peer.addresses)[version]
+            ]
+            if places:
+                yield name, version, places
 
 
-def _hub_versions(found: Network) -> list[int]:
-    return [version for version in _IP if _hub_places(found, version)]
-
-
-def _hub_text(found: Network) -> str:
-    return " but the hub of many sites" if found.outside else ""
+def _others_text(found: Network) -> str:
+    others = [text for text, peers in (("the hub of many sites", found.outside), ("etcd", found.etcd)) if peers]
+    return f" but {' and '.join(others)}" if others else ""
 
 
 def _listed(texts: Iterable[str]) -> list[tuple[int, list[str]]]:
@@ -172,6 +175,8 @@ def _names(found: Network) -> Iterator[str]:
             "Some controllers are given by name. nftables goes by addresses, and the manager looks the name up again at every connection: "
             "let it reach the resolver too, or better, write addresses in the site file."
         )
+    if any(peer.addresses != (peer.host,) for peer in found.etcd):
+        yield "Some members of etcd are given by name: let the manager reach the resolver too, or better, write addresses."
     if any(peer.addresses != (peer.host,) for peer in found.outside):
         yield (
             "The hub is given by name, which the leaf node looks up again at every connection: let it reach the resolver too, or write the "

@@ -27,6 +27,7 @@ def summary(found: Network) -> Iterator[str]:
         2, f"{_host(found.api_host)}:{found.api_port}, {'HTTPS' if found.api_tls else 'HTTP'}: {_clients_text(found)}"
     )
     yield from _leaf_node(found.leaf_node)
+    yield from _etcd(found)
     yield ""
     yield from textwrap.wrap(
         "Addresses are as on the wire, from 0, and behind them as the map prints them. Nobody else needs a connection to a "
@@ -68,6 +69,19 @@ def _leaf_node(found: LeafNode | None) -> Iterator[str]:
         yield from _wrapped(2, f"unknown here: {found.unknown}")
     for peer in found.hub:
         yield from _wrapped(2, f"{_peer_text(peer)}; the leaf node begins it, and the hub begins none")
+
+
+def _etcd(found: Network) -> Iterator[str]:
+    if not found.etcd:
+        return
+    yield ""
+    yield "Both managers of the cluster to the members of its etcd (TCP)"
+    for member in found.etcd:
+        yield from _wrapped(2, f"{_host(member.host)}:{member.port}, {'HTTPS' if member.tls else 'HTTP'}")
+    yield from _wrapped(
+        2,
+        "The members also reach each other, on ports of their own, and so does what moves an address between the machines",
+    )
 
 
 def _peer_text(peer: Peer) -> str:

@@ -33,6 +33,10 @@ def drop_in(found: Network, clients: Sequence[str]) -> Iterator[str]:
         yield from lines.comment("the leaf node of this site, for the hub of many sites")
         for address in found.leaf_node.peer.addresses:
             yield f"IPAddressAllow={address}"
+    if found.etcd:
+        yield from lines.comment("the members of etcd, which decide which of the two managers is active")
+        for address in dict.fromkeys(address for member in found.etcd for address in member.addresses):
+            yield f"IPAddressAllow={address}"
     if clients and not found.on_loopback:
         yield from lines.comment("clients of the API")
         for network in clients:

@@ -8,6 +8,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from drivers.modbus.controller_lock import controller_lock
 from lift_manager.cluster.content import Place, Solo, encode_key, encode_number, encode_solo
 from lift_manager.cluster.etcd import Etcd, put, read
 from lift_manager.cluster.term import Key
@@ -32,15 +33,15 @@ SWITCHED_OFF = "127.255.255.255"
 """An address that takes no connection and refuses none, on any computer: the kernel has no route for one to a broadcast address."""
 
 
-def site(folder: Path, members: Members, **cluster: object) -> Path:
+def site(folder: Path, members: Members | None, **cluster: object) -> Path:
     addresses = {"north": {"address": "http://10.0.0.1:5003"}, "south": {"address": f"http://{SWITCHED_OFF}:5003"}}
     written = {
         "schema": 1,
         "name": folder.name,
         "state": "state",
-        "controllers": {"plc": {"host": "127.0.0.1", "map": "generic-registers"}},
+        "controllers": {"plc": {"host": "127.0.0.1", "port": free_port(), "map": "generic-registers"}},
         "lifts": {"main": {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}}},
-        "cluster": {"machines": addresses, "etcd": members.urls} | cluster,
+        "cluster": {"machines": addresses, "etcd": members.urls if members else []} | cluster,
     }
     path = folder / "site.yaml"
     path.write_text(json.dumps(written), "utf-8")
@@ -141,6 +142,16 @@ def test_a_machine_goes_on_alone_and_joins_the_other_again(tmp_path: Path) -> No
         assert "north goes on with south again" in audit
 
 
+def test_a_machine_that_goes_on_alone_ends_in_words_if_another_program_has_its_controller(tmp_path: Path) -> None:
+    path = site(tmp_path, None, etcd=["http://127.0.0.1:1"])
+    port = json.loads(path.read_text("utf-8"))["controllers"]["plc"]["port"]
+    with controller_lock("127.0.0.1", port):
+        assert call(*by_eve("cluster", "solo", path, "--off", "south")).returncode == 0
+        with running("serve", path, "--machine", "north", "--port", "0") as program:
+            assert program.ended() == 1
+            assert f"127.0.0.1:{port}" in program.err.splitlines()[-1]
+
+
 def test_an_etcd_that_was_lost_is_made_again_above_the_epochs_that_the_journal_has(
     tmp_path: Path, members: Members
 ) -> None:
@@ -181,16 +192,18 @@ def test_what_a_machine_decided_alone_is_discarded_or_given_up_with_the_machine(
 
 
 def test_a_decision_that_cannot_be_read_starts_nothing(tmp_path: Path, members: Members) -> None:
-    path = site(tmp_path, members)
-    (tmp_path / "state").mkdir()
+    path = site(tmp_path, members, machine="north")
+    (tmp_path / "state").mkdir(mode=0o700)
     decision = store_path(tmp_path.name, "state", path, {}).with_suffix(".db.solo")
     decision.write_text("{", "utf-8")
     for words in (("serve", path, "--machine", "north"), ("cluster", "init", path)):
         refused = call(*words)
         assert (refused.returncode, str(decision) in refused.stderr) == (1, True)
+    assert f"caution: cluster: {decision}, which says" in call("check", path).stdout
     decision.write_bytes(encode_solo(Solo("abc", "south", "north", "Eve", "today", 1_000_000, 0, 0)))
     refused = call("serve", path, "--machine", "north")
     assert (refused.returncode, "is of another one" in refused.stderr) == (1, True)
+    assert "caution: cluster: south goes on alone since today" in call("check", path).stdout
 
 
 TOOLS = (

@@ -21,7 +21,7 @@ from lift_manager.cluster.errors import EtcdUnavailable
 from lift_manager.cluster.etcd import Etcd, Json, put, read
 from lift_manager.cluster.etcd import Result as EtcdResult
 from lift_manager.cluster.member import SILENCE_S, Member
-from lift_manager.cluster.term import RENEW_S, UNCHANGED_S, Key
+from lift_manager.cluster.term import ANSWERING_S, RENEW_S, UNCHANGED_S, Key
 from lift_manager.store.committer import Result
 from tests.support.memory_etcd import MemoryEtcd
 from tests.support.virtual_time import cancel_all, elapse, run_virtual
@@ -219,6 +219,35 @@ def test_a_handover_needs_a_standby_and_the_present_epoch() -> None:
         await elapse(3.0)
         assert b.active is not None
         assert not b.active.ends.is_set()
+
+    play(check, "a", "b")
+
+
+def test_a_standby_accepts_a_handover_once_it_could_take_over_and_not_before() -> None:
+    async def check(pair: Pair, a: Member, b: Member) -> None:
+        pair.cables["b"].is_cut = True
+        active = await a.until_active()
+        pair.write(PLACE.handover, encode_handover(Handover(1, "Eve")))
+        pair.cables["b"].is_cut = False
+        await elapse(ANSWERING_S - 0.1)
+        assert not active.ends.is_set()
+        await active.over.wait()
+        await a.give_up()
+        given_up_at = now()
+        await b.until_active()
+        assert now() - given_up_at <= RENEW_S
+
+    play(check, "a", "b")
+
+
+def test_a_standby_that_cannot_read_what_the_active_wrote_accepts_no_handover() -> None:
+    async def check(pair: Pair, a: Member, _: Member) -> None:
+        active = await a.until_active()
+        pair.write(PLACE.head, encode_head(Head(9, "x", version=VERSION + 1)))
+        await elapse(1.0)
+        pair.write(PLACE.handover, encode_handover(Handover(1, "Eve")))
+        await elapse(20.0)
+        assert not active.ends.is_set()
 
     play(check, "a", "b")
 

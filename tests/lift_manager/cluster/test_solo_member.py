@@ -126,6 +126,19 @@ def test_once_that_manager_has_ended_it_goes_on() -> None:
     play(check)
 
 
+def test_a_term_that_was_given_up_begins_again_after_another_look() -> None:
+    async def check(site: Site, north: SoloMember) -> None:
+        first = await north.until_active()
+        await north.give_up()
+        north.stand_by()
+        assert first.over.is_set()
+        given_up_at = now()
+        assert (await north.until_active()).remaining_s > 0
+        assert now() - given_up_at >= UNCHANGED_S
+
+    play(check)
+
+
 def test_a_start_after_that_does_not_trust_the_silence_of_etcd() -> None:
     async def check(site: Site, north: SoloMember) -> None:
         await elapse(60.0)

@@ -284,6 +284,23 @@ def test_rules_are_not_made_without_the_address_of_the_hub_and_the_table_says_th
     assert "leaf.conf cannot be read (No such file or directory), and it names the address of the hub" in err
 
 
+# -- two managers
+
+
+def test_the_managers_of_a_cluster_reach_their_etcd(tmp_path: Path) -> None:
+    machines = "machines: {north: {address: 'http://192.0.2.21:5003'}, south: {address: 'http://192.0.2.22:5003'}}"
+    members = "etcd: ['http://192.0.2.21:2379', 'http://192.0.2.22:2379', 'http://[2001:db8::23]:2379']"
+    site = written(tmp_path, text=f"{SITE}cluster: {{{machines}, {members}}}\n")
+    assert "[2001:db8::23]:2379, HTTP" in printed(site)
+    own = printed(site, "--nftables")
+    assert "elements = { 192.0.2.21 . 2379, 192.0.2.22 . 2379 }" in own
+    for accepted in ("ip daddr . tcp dport @etcd4", "ip6 daddr . tcp dport @etcd6"):
+        assert own.index(f'{accepted} meta skuid "lift-manager" accept') < own.index("ct direction original")
+    gateway = printed(site, "--nftables-gateway", "--manager", "192.0.2.21", "--manager", "192.0.2.22")
+    assert "ip daddr @managers4 ip saddr . tcp sport @etcd4 ct direction reply accept" in gateway
+    assert "IPAddressAllow=2001:db8::23" in printed(site, "--systemd")
+
+
 # -- systemd
 
 

@@ -1,6 +1,7 @@
 """What `lift-manager hub` refuses, and what it prints about that."""
 
 import ssl
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
@@ -67,13 +68,14 @@ def test_a_hub_that_others_can_reach_needs_a_key_or_a_reason(folder: Path) -> No
 
 def test_a_hub_serves_https_with_the_certificate_of_its_settings(folder: Path, tmp_path: Path) -> None:
     authority = Authority(tmp_path / "ca")
-    shown = authority.issue("hub", "127.0.0.1")
+    shown = authority.issue("hub", "127.0.0.1", until=timedelta(days=20))
     port = settings(folder, tls={"certificate": str(shown.certificate), "key": str(shown.key)})
     context = ssl.create_default_context(cafile=authority.file)
     with running("hub", cwd=folder.parent) as hub:
         hub.says(rf"hub: 0 sites on https://127.0.0.1:{port}\n")
         url = f"https://127.0.0.1:{port}"
         assert httpx.get(f"{url}/readyz", verify=context).json() == {"ready": True, "sites": 0, "online": 0}
+        assert "the certificate of `http: tls` in hub.yaml is valid until" in hub.err
         before = (folder / "nats.pid").read_text()
         hub_lock = run("hub", cwd=folder.parent)
         assert (hub_lock.returncode, "is in use by another program" in hub_lock.stderr) == (1, True)

@@ -1,5 +1,6 @@
 """Without the extra `[hub]`: nothing of the product loads nats-py, and a site with a hub says what to install."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,21 +11,17 @@ import yaml
 from lift_manager.hub.nats_server import NatsServerMissing, find_program
 from tests.lift_manager.config.site_files import GENERIC
 
-LOADED = """
-import sys
-import lift_manager.app, lift_manager.cli.serve, lift_manager.cli.hub, lift_manager.hub.web, lift_manager.cli.check
-assert not [name for name in sys.modules if name.partition(".")[0] == "nats"]
-"""
-ALONE = """
-import sys
+LOADS = """
+import json, sys
 import lift_manager.app, lift_manager.cli.serve
-assert not [name for name in sys.modules if name.startswith("lift_manager.hub")]
+loaded = {"alone": list(sys.modules)}
+import lift_manager.hub.site_face
+loaded["site of a hub"] = list(sys.modules)
+import lift_manager.cli.hub, lift_manager.hub.web, lift_manager.cli.check
+loaded["everything"] = list(sys.modules)
+print(json.dumps(loaded))
 """
-WITHOUT_UPDATES = """
-import sys
-import lift_manager.app, lift_manager.cli.serve, lift_manager.hub.site_face
-assert not [name for name in sys.modules if name.startswith("lift_manager.hub.update")]
-"""
+"""In one process: three would import most of it three times."""
 WITHOUT = """
 import sys
 sys.path.insert(0, sys.argv.pop(1))
@@ -33,16 +30,25 @@ app()
 """
 
 
-def test_no_command_loads_it_before_it_is_needed() -> None:
-    subprocess.run([sys.executable, "-c", LOADED], check=True)
+@pytest.fixture(scope="module")
+def loaded() -> dict[str, list[str]]:
+    """The modules that a process has loaded, by what it does."""
+    done = subprocess.run([sys.executable, "-c", LOADS], check=True, capture_output=True, text=True)
+    found: dict[str, list[str]] = json.loads(done.stdout)
+    assert "lift_manager.hub.site_face" in found["site of a hub"]
+    return found
 
 
-def test_a_manager_without_a_hub_loads_nothing_of_it() -> None:
-    subprocess.run([sys.executable, "-c", ALONE], check=True)
+def test_no_command_loads_it_before_it_is_needed(loaded: dict[str, list[str]]) -> None:
+    assert [name for name in loaded["everything"] if name.partition(".")[0] == "nats"] == []
 
 
-def test_a_site_of_a_hub_that_takes_no_updates_loads_nothing_of_them() -> None:
-    subprocess.run([sys.executable, "-c", WITHOUT_UPDATES], check=True)
+def test_a_manager_without_a_hub_loads_nothing_of_it(loaded: dict[str, list[str]]) -> None:
+    assert [name for name in loaded["alone"] if name.startswith("lift_manager.hub")] == []
+
+
+def test_a_site_of_a_hub_that_takes_no_updates_loads_nothing_of_them(loaded: dict[str, list[str]]) -> None:
+    assert [name for name in loaded["site of a hub"] if name.startswith("lift_manager.hub.update")] == []
 
 
 @pytest.mark.parametrize("command", ["serve", "hub"])
