@@ -2,6 +2,7 @@
 lift is commanded. Judged at the controller, by connection and epoch.
 
     sudo python -m tests.campaigns.takeover --faults 1000 --lanes 3 --seed 1
+    sudo python -m tests.campaigns.takeover --faults 100 --lanes 3 --seed 1 --packet-filter
     python -m tests.campaigns.takeover --faults 100 --seed 1 --loopback
 
 Each machine and the witness are in a network namespace of their own, so that networks can be cut; with --loopback all are on the loopback,
@@ -25,7 +26,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -129,6 +130,7 @@ class Pair:
         seed: int,
         rides: bool,
         forked: bool,
+        filtered: bool,
     ) -> None:
         self.lift, self.members, self.network = lift, members, network
         self.dice, self.tally = Random(seed), Tally()
@@ -141,6 +143,7 @@ class Pair:
         self.client: Client = (Robot if rides else Requests)(lift, self.dice, self._find)
         self._plan = plan
         self._seed = seed
+        self._filtered = filtered
         self._has_one_slot = plan.map.map.link.max_connections == 1
         self._happened: list[tuple[float, str]] = [(0.0, "start")]
 
@@ -154,6 +157,8 @@ class Pair:
             prepared = call("cluster", "init", self.machines["north"].site)
             assert prepared.returncode == 0, prepared.stderr
             for machine in self.machines.values():
+                if self._filtered:
+                    stack.enter_context(machine.filtered())
                 stack.enter_context(machine.running())
                 machine.start()
             eventually(lambda: self.active)
@@ -164,7 +169,10 @@ class Pair:
         made["controllers"][LIFT]["host"] = self.network.addresses[CONTROLLER]
         addresses = {name: {"address": one.url} for name, one in self.machines.items()}
         api = {"host": machine.host, "without_keys": "nobody else is in this network"}
-        return made | {"state": "state", "api": api, "cluster": {"machines": addresses, "etcd": self.members.urls}}
+        cluster: dict[str, object] = {"machines": addresses, "etcd": self.members.urls}
+        if self._filtered:
+            cluster["packet_filter"] = str(machine.folder / "filter")
+        return made | {"state": "state", "api": api, "cluster": cluster}
 
     @property
     def active(self) -> Machine | None:
@@ -502,6 +510,7 @@ def campaign(
     rides: bool = False,
     forked: bool = False,
     keep: Path | None = None,
+    filtered: bool = False,
 ) -> Tally:
     """Let so many faults happen to one pair: `kinds` in their order, or by default all of them in a random order.
 
@@ -521,7 +530,9 @@ def campaign(
         members = stack.enter_context(
             etcd_members(folder / "etcd", *names, hosts=where.addresses, command=where.command)
         )
-        pair = Pair(plan, bench.simulator(), members, folder, where, seed=seed, rides=rides, forked=forked)
+        pair = Pair(
+            plan, bench.simulator(), members, folder, where, seed=seed, rides=rides, forked=forked, filtered=filtered
+        )
         with pair.running():
             for number in range(faults):
                 pair.use(dice.uniform(0.3, 3.0))
@@ -559,6 +570,7 @@ class Part:
     map_name: str = MAPS[0]
     kinds: tuple[str, ...] | None = None
     keep: str | None = None
+    filtered: bool = False
 
     def run(self, folder: Path, cancelled: threading.Event, *, loopback: bool) -> Tally:
         """Run it, in networks of its own, until its end or until it is cancelled."""
@@ -669,6 +681,7 @@ def _run_part(part: Part, prefix: str | None, result: Path) -> int:
         rides=part.rides,
         map_name=part.map_name,
         keep=Path(part.keep) if part.keep else None,
+        filtered=part.filtered,
     )
     result.write_text(json.dumps(vars(tally)), "utf-8")
     return 0
@@ -687,16 +700,19 @@ def main() -> int:
     )
     for internal in ("--part", "--inside", "--result"):
         parser.add_argument(internal, help=argparse.SUPPRESS)
+    parser.add_argument("--packet-filter", action="store_true", help="with the packet filter on both machines")
     given = parser.parse_args()
+    if given.loopback and given.packet_filter:
+        parser.error("the packet filter is tried in networks alone: it would change that of this computer")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if given.part:
         return _run_part(Part(**json.loads(given.part)), given.inside, Path(given.result))
     began = time.monotonic()
     kinds = tuple(given.kinds) if given.kinds else None
     try:
-        tally = run_parts(
-            parts(given.faults, given.seed, given.map, kinds, given.keep), given.lanes, loopback=given.loopback
-        )
+        todo = parts(given.faults, given.seed, given.map, kinds, given.keep)
+        todo = [replace(part, filtered=given.packet_filter) for part in todo]
+        tally = run_parts(todo, given.lanes, loopback=given.loopback)
     except CannotMakeNetworks as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from register_maps.arbitration import ArbitrationCodec
 from register_maps.frames import parse_request
 from tests.campaigns.takeover_judge import Answer, Keys, Passage
 from tests.campaigns.takeover_network import MACHINES, Network
-from tests.support.programs import LIFT_MANAGER, Program, free_port
+from tests.support.programs import LIFT_MANAGER, Program, free_port, started
 
 LIFT = "lift"
 DOOR_OPEN = 2
@@ -226,6 +227,14 @@ class Machine:
             thread.join()
             self.end()
             self.http.close()
+
+    @contextmanager
+    def filtered(self) -> Iterator[None]:
+        """Let the kernel of the machine keep everybody off the controller who has no term."""
+        words = (*LIFT_MANAGER, "cluster", "packet-filter", str(self.site), "--user", str(os.getuid()))
+        with started(*self._network.command(self.name, words)) as program:
+            program.logs("nobody reaches 1 controller")
+            yield
 
     def start(self) -> None:
         self._lives += 1
