@@ -140,12 +140,15 @@ class Victim:
         folder.mkdir()
         words = ("serve", str(self._site), "--port", "0")
         program = Program(words if self._forked else (*LIFT_MANAGER, *words), folder, None, forked=self._forked)
+        found = len(self._tally.findings)
         try:
             yield program
         except AssertionError as error:
             raise Unexpected(f"{error}: {program.err[-2000:]}") from error
         finally:
             program.end()
+        if len(self._tally.findings) > found:
+            self._tally.findings[-1] += f"\n{program.err[-2000:]}"
         if "Traceback" in program.err:
             self._finding(f"the manager crashed: {program.err[-2000:]}")
 
