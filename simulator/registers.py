@@ -86,7 +86,7 @@ class RegisterFace:
         self._shown: State | None = None
         """The state when the registers were last updated, its picture with the count, and the values they show."""
         self._made_of: tuple[ShownState, int] | None = None
-        self._last_shown: object = None
+        self._last_shown: tuple[object, ShownRegisters] | None = None
         self._counts = any(signal.kind is Kind.COUNTER for signal in codec.signals.values())
         self._beats = 0
         """The last count of the alive counter."""
@@ -349,10 +349,13 @@ class RegisterFace:
         shown = ShownRegisters(picture, self._beats, obeyed=self._cells.obeyed)
         if self._register_faults.is_falsified:
             shown = self._register_faults.falsify(shown)
-        fields = self._shown_fields(shown.picture), shown.beat, shown.false_signals
-        if fields != self._last_shown or stale:
-            self._last_shown = fields
-            self._cells.show(lambda image: self._signals.insert(image, *shown))
+        fields, last = (self._shown_fields(shown.picture), shown.false_signals), self._last_shown
+        if last is not None and fields == last[0]:
+            if shown.beat == last[1].beat and not stale:
+                return
+            shown = last[1]._replace(beat=shown.beat)  # the picture is the same to the signals, which have seen it
+        self._last_shown = fields, shown
+        self._cells.show(lambda image: self._signals.insert(image, *shown))
 
 
 class Endpoint:
