@@ -166,6 +166,16 @@ class RemoteSite:
         took_s = _now() - sent_at
         return LiftsReply(RemoteLifts(lifts=tuple(entry.after(took_s) for entry in found.lifts)), took_s)
 
+    async def answers(self) -> bool:
+        """Whether a request reaches the site."""
+        try:
+            await self.lifts(None)
+        except SiteSilent:
+            return False
+        except (BadReply, SiteRefused):
+            return True
+        return True
+
     async def rides(self, ride: str | None) -> RidesReply:
         """Request one ride, or all, from the site itself. Raises SiteSilent, BadReply and SiteRefused."""
         sent_at = _now()

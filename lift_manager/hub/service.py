@@ -9,6 +9,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from typing import TypeVar
@@ -32,6 +33,12 @@ CHECK_EVERY_S = 0.5
 CERTIFICATES_EVERY_S = 60.0
 """How often it is checked until when the certificates are valid."""
 
+REACHED_S = 3.0
+"""How long a new site may take until a request reaches it, where there is a cluster of NATS servers. Chosen: news come every few seconds."""
+
+MOST_REACHED_S = 1800.0
+"""The longest pause before a new site is tried once more. Chosen: within an hour the file of the accounts has come to every server."""
+
 RETRY_S = 5.0
 """How long to wait after a failure."""
 
@@ -40,6 +47,15 @@ Receive = Callable[[StoredEvent, str], None]
 """Takes an event and its site; must neither wait nor raise."""
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Unreached:
+    """A site that no request has reached yet."""
+
+    until: float
+    """When it is tried next."""
+    pause_s: float
 
 
 class Hub:
@@ -59,6 +75,9 @@ class Hub:
         self._connection = Connection("hub", settings.urls, "hub", password, tls)
         system = partial(Connection, "hub", settings.urls, "system", password, tls)
         self._system = SystemAccount(system, len(settings.urls))
+        self._is_cluster = len(settings.urls) > 1
+        self._unreached: dict[str, _Unreached] = {}
+        """Sites that were added or switched on, until a request has reached them."""
         self.sites: dict[str, RemoteSite] = {}
         """The sites that are not switched off."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
@@ -238,12 +257,30 @@ class Hub:
                 continue
             trouble = ""
             await self._system.retry()
+            await self._reach(now)
             if registry != self._applied:
                 await self._apply(tasks, registry)
             if newest != tls_changed_at:
                 tls_changed_at = newest
                 await self._system.reload(())
                 _log.info("the NATS server reads its certificate again")
+
+    async def _reach(self, now: float) -> None:
+        """Let new sites connect again that no request reaches, ever more rarely.
+
+        A server of a cluster that learns of a site after that has connected to another one passes nothing on to it (2.15).
+        """
+        due = [site for site, waits in self._unreached.items() if now >= waits.until]
+        found = [site for site in due if site in self.sites]
+        answers = await asyncio.gather(*(self.sites[site].answers() for site in found))
+        silent = {site for site, is_there in zip(found, answers, strict=True) if not is_there}
+        for site in due:
+            pause_s = 2 * self._unreached.pop(site).pause_s
+            if site in silent and pause_s <= MOST_REACHED_S:
+                self._unreached[site] = _Unreached(now + pause_s, pause_s)
+        if silent:
+            _log.info("no request reaches %s; the NATS servers let it connect again", ", ".join(sorted(silent)))
+            await self._system.reload({account(site) for site in silent})
 
     async def _apply(self, tasks: asyncio.TaskGroup, registry: Registry) -> None:
         before, self._applied = self._applied.sites, registry
@@ -253,6 +290,10 @@ class Hub:
         self._forget(registry)  # at once: a server may be slow
         await self._system.reload(closed)
         self._follow(tasks, registry, await self._in_thread(self._store.positions))
+        if self._is_cluster:
+            now = asyncio.get_running_loop().time()
+            new = {site for site in _live(registry) if site not in before or before[site].off is not None}
+            self._unreached |= {site: _Unreached(now + REACHED_S, REACHED_S) for site in new}
         for site, entry in registry.sites.items():
             if entry.switch is not None and (site not in before or before[site].switch != entry.switch):
                 word = SiteState.OFF.value if entry.switch.is_off else "on"

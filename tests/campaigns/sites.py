@@ -541,7 +541,8 @@ class Campaign:
         self.tally.note("the off switch: shown, disconnected and refused after", f"{shown:.1f} s, {took:.1f} s")
         await asyncio.sleep(3.0)
         self.tally.note("lag of the others meanwhile", reader.lag(since, without=[site]))
-        lost = [state for at, of, state in reader.states if at > since and of != site]
+        # the site that flooded is online again about now
+        lost = [state for at, of, state in reader.states if at > since and of != site and state != "online"]
         if lost:
             self.tally.find(f"the off switch of {site} turned others: {Counter(lost)}")
         await hub.http.post(f"/sites/{site}/on", json={"by": "campaign"})

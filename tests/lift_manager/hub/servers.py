@@ -42,11 +42,11 @@ class Servers:
         """The folder of a server."""
         return self.rig.place.path if name == "n1" else self._folder / name
 
-    def copy_accounts(self) -> None:
-        """Bring the file of the hub to the other computers, and let their servers read it."""
-        for name in NAMES[1:]:
+    def copy_accounts(self, *names: str, tell: bool = True) -> None:
+        """Bring the file of the hub to these computers, or to all others, and let their servers read it, or do not `tell` them."""
+        for name in names or NAMES[1:]:
             shutil.copy(self.rig.place.accounts_conf, self.of(name))
-            if name in self._processes:
+            if tell and name in self._processes:
                 self._processes[name].send_signal(signal.SIGHUP)
 
     def times_read(self, name: str) -> int:

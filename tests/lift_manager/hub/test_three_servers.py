@@ -87,6 +87,35 @@ def test_a_site_that_is_switched_on_is_reached_though_its_server_learned_too_lat
     asyncio.run(main())
 
 
+def test_a_new_site_is_reached_though_the_server_of_the_hub_got_its_account_last_and_nobody_told_it(
+    servers: Servers, journal: Journal, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = servers.rig
+    rig.settings["servers"] = servers.urls("n2", "n3")
+    rig.add("rome")
+    caplog.set_level(logging.INFO)
+
+    async def main() -> None:
+        with servers.running():
+            async with rig.hub() as hub, rig.manager("rome", FakeSite(), journal):
+                other = next(name for name in ("n2", "n3") if name != server_of_hub(servers, caplog))
+                servers.let_sites_connect_to(other)
+                rig.add("berlin")
+                servers.copy_accounts(other)
+                async with rig.manager("berlin", FakeSite(), journal):
+                    with rig.leaf("berlin"):
+
+                        async def is_connected() -> bool:
+                            is_applied = "there are 2 now" in caplog.text
+                            return is_applied and "Leafnode connection created" in rig.log_of("berlin")
+
+                        await until(is_connected)
+                        servers.copy_accounts(tell=False)
+                        await hub.until_reached("berlin")
+
+    asyncio.run(main())
+
+
 def test_the_shipped_configuration_is_like_that_of_the_server_that_a_hub_runs() -> None:
     text = SHIPPED.read_text()
     for line in (f'ping_interval: "{PING}"', f"max_payload: {MAX_PAYLOAD}", f'compression: "{COMPRESSION}"'):
