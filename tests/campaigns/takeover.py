@@ -472,6 +472,7 @@ class Pair:
 
     def keep(self, folder: Path) -> None:
         """Keep what the managers logged and wrote down, to look for the cause of a finding."""
+        folder.mkdir(parents=True, exist_ok=True)
         for machine in self.machines.values():
             for file in (*machine.folder.glob("life-*/err"), *machine.folder.glob("rows.jsonl")):
                 name = "-".join(file.relative_to(machine.folder.parent).parts)
