@@ -103,14 +103,6 @@ def step(config: LiftConfig, record: LiftRecord, happened: Input, moment: Moment
     return _finish(draft, record, reply)
 
 
-def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, *, read_at: float, now: float) -> bool:
-    """Whether a reading has to be stepped: most only show that nothing has changed, and cost next to nothing.
-
-    `read_at` is that of the reading before.
-    """
-    return not is_repetition(config, settled_observation(record), reading, read_at=read_at, now=now)
-
-
 def settled_observation(record: LiftRecord) -> Observation | None:
     """Return the observation that a reading may repeat without being news; None where every reading is."""
     observation = record.observation
@@ -121,7 +113,10 @@ def settled_observation(record: LiftRecord) -> Observation | None:
 def is_repetition(
     config: LiftConfig, settled: Observation | None, reading: LiftReading, *, read_at: float, now: float
 ) -> bool:
-    """Whether a reading repeats the `settled_observation`, in time. A function of its own because every poll calls it."""
+    """Whether a reading repeats the `settled_observation`, in time: it need not be stepped. Most do, and every poll calls this.
+
+    `read_at` is that of the reading before.
+    """
     if settled is None or reading.values is not settled.values or reading.epoch != settled.epoch or reading.notices:
         return False
     capabilities = config.capabilities
@@ -340,7 +335,7 @@ def _take_commit_failure(draft: Draft, reason: str) -> None:
 def next_change(config: LiftConfig, record: LiftRecord, moment: Moment) -> float:
     """Return the first time after `moment` at which something changes without an input; infinite for none.
 
-    A reading that is no news (`is_news`) moves it without a step.
+    A reading that repeats the one before (`is_repetition`) moves it without a step.
     """
     times = [queue.next_lapse(record.queue)]
     times += _changes_of_reading(config, record, moment)

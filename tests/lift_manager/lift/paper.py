@@ -39,7 +39,7 @@ from lift_manager.lift.refusals import Accepted, Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, state
-from lift_manager.lift.step import Reply, Step, is_news, start, step
+from lift_manager.lift.step import Reply, Step, is_repetition, settled_observation, start, step
 from lift_manager.lift.trust import Trust
 from register_maps.words import Door, Mode, Motion, Side
 
@@ -189,9 +189,14 @@ class PaperLift:
     def poll(self) -> None:
         """Read the lift once."""
         reading = LiftReading(self.now, 1, self.values)
-        if is_news(self.config, self.record, reading, read_at=self.read_at, now=self.now):
+        if not self.repeats(reading):
             self.take(Reading(reading, dict(self.status)))
         self.read_at = self.now
+
+    def repeats(self, reading: LiftReading) -> bool:
+        """Whether a reading need not be stepped."""
+        settled = settled_observation(self.record)
+        return is_repetition(self.config, settled, reading, read_at=self.read_at, now=self.now)
 
     def wait(self, seconds: float) -> None:
         """Let time pass, with a reading every half second if the lift can be read, and a tick when one is due."""

@@ -8,7 +8,7 @@ from lift_manager.lift.inputs import Cancel, OutputChanged, Reading, Restrict, T
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.state import same_but_for_time
-from lift_manager.lift.step import PAST_S, is_news
+from lift_manager.lift.step import PAST_S
 from register_maps.words import Door, Mode, Motion
 from tests.lift_manager.lift.paper import HANDSHAKE, PLAIN, PaperLift
 
@@ -62,22 +62,10 @@ def test_a_door_that_has_to_be_seen_shut_is_not_put_on_hold() -> None:
 def test_an_unchanged_reading_of_an_idle_lift_is_no_news() -> None:
     lift = PaperLift()
     lift.read()
-    assert not is_news(
-        lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values), read_at=lift.read_at, now=lift.now
-    )
-    assert is_news(
-        lift.config, lift.record, LiftReading(lift.now + 0.2, 2, lift.values), read_at=lift.read_at, now=lift.now
-    )
-    assert is_news(
-        lift.config, lift.record, LiftReading(lift.now + 5.0, 1, lift.values), read_at=lift.read_at, now=lift.now
-    )
-    assert is_news(
-        lift.config,
-        lift.record,
-        LiftReading(lift.now + 0.2, 1, lift.values, ("a notice",)),
-        read_at=lift.read_at,
-        now=lift.now,
-    )
+    assert lift.repeats(LiftReading(lift.now + 0.2, 1, lift.values))
+    assert not lift.repeats(LiftReading(lift.now + 0.2, 2, lift.values))
+    assert not lift.repeats(LiftReading(lift.now + 5.0, 1, lift.values))
+    assert not lift.repeats(LiftReading(lift.now + 0.2, 1, lift.values, ("a notice",)))
 
 
 def test_a_restart_keeps_a_call_until_the_car_has_arrived_and_the_door_hold_from_then_on() -> None:
