@@ -53,6 +53,11 @@ class Servers:
         """How often a server has read its configuration again."""
         return (self.of(name) / "server.log").read_text().count("Reloaded server configuration")
 
+    def is_connected(self, name: str) -> bool:
+        """Whether a server has a connection of a leaf node, where there is one leaf node."""
+        log = (self.of(name) / "server.log").read_text()
+        return log.count("Leafnode connection created") > log.count("Leafnode connection closed")
+
     @contextmanager
     def running(self) -> Iterator[None]:
         """Run all of them, once there are sites."""

@@ -65,11 +65,14 @@ def test_a_site_that_is_switched_on_is_reached_though_its_server_learned_too_lat
                 async with rig.manager("berlin", FakeSite(), journal):
                     with rig.leaf("berlin"):
                         await hub.until_reached("berlin")
+                        changes = caplog.text.count("the sites have changed")
                         await hub.post("/sites/berlin/off", {"by": "M. Weber", "reason": "its key was copied"})
                         await hub.until_state("berlin", SiteState.OFF)
 
                         async def is_back() -> bool:
-                            return rig.log_of("berlin").count("Leafnode connection created") > 1
+                            # not before the server of the hub knows: of what it never knew, it cannot tell the others
+                            is_applied = caplog.text.count("the sites have changed") > changes
+                            return is_applied and servers.is_connected(other)
 
                         # it was disconnected, and its server, which has the old file, takes it again
                         await until(is_back)
