@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 
@@ -87,6 +87,16 @@ class SiteView:
     end_grace_s: float
     """How long door hold and robot mode stay on after END_SESSION."""
     alarms: Alarms = field(default_factory=Alarms)
+
+
+@dataclass(frozen=True)
+class PartialSiteView(SiteView):
+    """An answer without the lifts that are as they were, so that news of one costs the same among a hundred. Never over HTTP."""
+
+    def completed(self, before: SiteView) -> SiteView:
+        """Return the complete answer that it makes of the one before."""
+        news = {view.name: view for view in self.lifts}
+        return replace(before, event=self.event, lifts=tuple(news.get(view.name, view) for view in before.lifts))
 
 
 class BadAnswer(ValueError):

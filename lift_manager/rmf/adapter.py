@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from lift_manager.plain.rmf import SiteView
+from lift_manager.plain.rmf import PartialSiteView, SiteView
 from lift_manager.rmf.alarms import AlarmPublisher, FireAlarm
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.early_ends import EarlyEnds
@@ -138,13 +138,14 @@ class Adapter:
             self._log_once(lift_name, _RIVAL, text)
 
     def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
-        """Take over a complete answer of the manager."""
+        """Take over an answer of the manager; a partial one only after a complete one."""
         if self._lost_reason is not None or self._site is None:
             _log.info("the manager answers: %s", ", ".join(view.name for view in site.lifts) or "it has no lifts")
         if self._site is None:
             self._unread_until = now + self._first_reading_s
-        self._lost_reason, self._site = None, site
-        self._forget_gone(site, now)
+        complete = site.completed(self._site) if isinstance(site, PartialSiteView) and self._site is not None else site
+        self._lost_reason, self._site = None, complete
+        self._forget_gone(complete, now)
         for index, view in enumerate(site.lifts):
             lift = self._lifts.get(view.name)
             if lift is None or lift.sessions.view.lift != view.lift:
@@ -159,7 +160,7 @@ class Adapter:
             self._log_holder_change(view.name, before, sessions.session if sessions.holds_lift else "")
         self._by_site_name = {lift.sessions.view.lift: lift for lift in self._lifts.values()}
         self._apply_early_ends(now)
-        self._fire.update(site, now)
+        self._fire.update(complete, now)
 
     def on_answer(self, answer: Answer, now: float) -> None:
         """Process the answer to a request."""

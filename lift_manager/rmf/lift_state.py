@@ -30,7 +30,7 @@ from lift_manager.rmf.messages import (
 PERIOD_S = 0.5
 """2 Hz: most waits in RMF last until the next LiftState, and humble's supervisor sends only in answer to one (open-rmf 1.6.10, 7)."""
 MIN_GAP_S = 0.02
-"""Between two messages about one lift, so that simultaneous changes share a message. Chosen."""
+"""Between two messages about changes of one lift, so that simultaneous changes share a message. Chosen."""
 
 NO_CLOCK_S = 5.0
 """How long /clock may be missing in simulated time before a warning is logged; `lift_time` is 0 until it arrives."""
@@ -117,26 +117,28 @@ class Cadence:
     def __init__(self, index: int, count: int, now: float) -> None:
         """`index` of `count` lifts: some readers keep one message only (open-rmf 1.3)."""
         self._due_at = now + PERIOD_S * index / count
-        self._sent_at = -math.inf
+        self._change_sent_at = -math.inf
         self._sent_state: LiftState | None = None
 
     def is_due(self, state: LiftState, now: float) -> bool:
         """Whether this state is to be published now."""
         if now >= self._due_at:
             return True
-        changed = self._sent_state is None or not equal_except_time(state, self._sent_state)
-        return changed and now >= self._sent_at + MIN_GAP_S
+        return self._is_change(state) and now >= self._change_sent_at + MIN_GAP_S
 
     def mark_sent(self, state: LiftState, now: float) -> None:
         """Record that it was published. A change in between does not shift the regular times."""
-        self._sent_state, self._sent_at = state, now
+        if self._is_change(state):
+            self._sent_state, self._change_sent_at = state, now
         if now >= self._due_at:
             self._due_at += PERIOD_S * (1 + math.floor((now - self._due_at) / PERIOD_S))
 
     def next_at(self, state: LiftState) -> float:
         """Return when the next state is due if nothing changes."""
-        changed = self._sent_state is None or not equal_except_time(state, self._sent_state)
-        return min(self._due_at, self._sent_at + MIN_GAP_S) if changed else self._due_at
+        return min(self._due_at, self._change_sent_at + MIN_GAP_S) if self._is_change(state) else self._due_at
+
+    def _is_change(self, state: LiftState) -> bool:
+        return self._sent_state is None or not equal_except_time(state, self._sent_state)
 
 
 def _floor(sessions: LiftSessions, view: LiftView) -> str:

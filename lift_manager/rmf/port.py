@@ -75,7 +75,7 @@ class ManagerListener(Protocol):
     """The callbacks of an adapter for the manager, always called in the adapter's own thread. Times are monotonic seconds."""
 
     def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
-        """Take over a complete answer; `sent_at` is when its request was sent, from which its ages count."""
+        """Take over an answer, the first of which is complete; `sent_at` is when its request was sent, from which its ages count."""
         ...
 
     def on_answer(self, answer: Answer, now: float) -> None:

@@ -219,7 +219,7 @@ class AdapterNode:
         self._inbox.put(call)
 
     def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
-        """Take over a complete answer of the manager."""
+        """Take over an answer of the manager."""
         self._adapter.on_site(site, sent_at, now)
 
     def on_answer(self, answer: Answer, now: float) -> None:

@@ -14,10 +14,10 @@ def rmf_site(site: Site) -> rmf.SiteView:
     return rmf_site_of(site, (rmf_lift(site.state(name), site.config(name)) for name in site.lift_names()))
 
 
-def rmf_site_of(site: Site, lifts: Iterable[rmf.LiftView]) -> rmf.SiteView:
+def rmf_site_of(site: Site, lifts: Iterable[rmf.LiftView], kind: type[rmf.SiteView] = rmf.SiteView) -> rmf.SiteView:
     """Return the site with these lifts, which are as they are at its newest event."""
     rules = site.rmf
-    return rmf.SiteView(
+    return kind(
         boot=site.boot,
         event=site.newest,
         lifts=tuple(lifts),

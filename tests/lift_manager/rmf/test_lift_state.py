@@ -6,9 +6,19 @@ from dataclasses import fields, replace
 
 import pytest
 
-from lift_manager.plain.rmf import HeldBy
-from lift_manager.rmf.lift_state import PERIOD_S, equal_except_time, stale_at
-from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, HUMAN_MODE, LiftState, Time
+from lift_manager.plain.rmf import Alarms, HeldBy, PartialSiteView
+from lift_manager.rmf.alarms import REPEAT_S
+from lift_manager.rmf.lift_state import MIN_GAP_S, PERIOD_S, equal_except_time, stale_at
+from lift_manager.rmf.messages import (
+    DOOR_CLOSED,
+    DOOR_MOVING,
+    DOOR_OPEN,
+    HUMAN_MODE,
+    MOTION_STOPPED,
+    MOTION_UP,
+    LiftState,
+    Time,
+)
 from tests.lift_manager.rmf.bench import EPOCH, A, B, Bench, bench, ends, lift, riding, wants
 from tests.support.rows import each_row
 
@@ -233,6 +243,39 @@ def test_a_change_is_told_at_once_and_a_request_that_changes_nothing_never_is() 
     published = len(ride.published)
     ride.change(door="closed")
     assert [state.door_state for state in ride.published[published:]] == [DOOR_CLOSED]
+
+
+def test_a_change_right_behind_a_state_that_was_due_is_told_at_once_and_two_changes_share_a_state() -> None:
+    ride = bench()
+    published = len(ride.published)
+    while len(ride.published) == published:
+        ride.now += 0.001
+        ride.adapter.tick(ride.now)
+    shown = []
+    for motion in ("up", "stopped"):
+        ride.now += 0.001
+        ride.views["lift"] = replace(ride.views["lift"], motion=motion)
+        ride.adapter.on_site(ride.site(), ride.now, ride.now)
+        ride.adapter.tick(ride.now)
+        shown.append(ride.state.motion_state)
+    ride.now += MIN_GAP_S
+    ride.adapter.tick(ride.now)
+    assert [*shown, ride.state.motion_state] == [MOTION_UP, MOTION_UP, MOTION_STOPPED]
+
+
+def test_a_partial_answer_changes_its_own_lifts_and_forgets_no_other() -> None:
+    ride = bench(views={"lift": lift("lift"), "goods": lift("goods")}, alarms=Alarms(fire_alarm=True))
+    ride.change("goods", fire_latched=True)
+    ride.published.clear()
+    announced = len(ride.alarm.said)
+    partial = PartialSiteView(ride.boot, ride.event, (lift("lift", motion="up"),), 3.0, ride.alarms)
+    ride.adapter.on_site(partial, ride.now, ride.now)
+    ride.adapter.tick(ride.now)
+    assert [(state.lift_name, state.motion_state) for state in ride.published] == [("lift_rmf", MOTION_UP)]
+    ride.now += REPEAT_S
+    ride.adapter.tick(ride.now)
+    assert {state.lift_name for state in ride.published} == {"lift_rmf", "goods_rmf"}
+    assert (ride.alarm.said[announced:], ride.alarm.forgotten_after) == ([True], []), "the fire goes on"
 
 
 def test_the_last_word_of_an_adapter_is_that_its_lifts_are_offline() -> None:

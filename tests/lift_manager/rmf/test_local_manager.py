@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf_view import RmfRules
-from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
-from lift_manager.rmf.local_manager import MIN_GAP_S, LocalManager
+from lift_manager.plain.rmf import HeldBy, LiftView, PartialSiteView, SiteView
+from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.port import Answer, EndOfSession, ManagerRequest, SessionDemand
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
@@ -102,7 +102,7 @@ def test_a_demand_is_taken_and_a_site_from_its_event_on_shows_it() -> None:
     async def check(both: Both) -> None:
         answer = await both.said(TO_L1)
         assert answer.accepted
-        await elapse(MIN_GAP_S)
+        await elapse(0)
         shows = [site for site in both.listener.sites if site.boot == answer.boot and site.event >= answer.event]
         assert shows
         assert {site.lifts[0].holder for site in shows} == {HeldBy("rmf", AMR)}
@@ -123,16 +123,38 @@ def test_a_manager_that_ends_takes_no_session_away() -> None:
     local(check)
 
 
-def test_changes_that_follow_each_other_closely_are_told_together_and_the_last_one_is_told() -> None:
+def test_a_change_does_not_wait_for_the_one_before_it() -> None:
     async def check(both: Both) -> None:
         await elapse(1)
-        told = len(both.listener.sites)
         for floor in ("L1", "L3") * 12:
             both.bench.accept(floor)
+            await elapse(0)
+            assert both.listener.lift.destination == floor
             await elapse(0.004)
-        await elapse(MIN_GAP_S)
-        assert 3 <= len(both.listener.sites) - told <= 0.12 / MIN_GAP_S + 3
-        assert both.listener.lift.destination == "L3"
+
+    local(check)
+
+
+def test_a_change_is_reported_without_the_other_lifts_and_all_of_them_again_and_again() -> None:
+    async def check(both: Both) -> None:
+        both.bench.accept("L1")
+        await elapse(0)
+        assert [type(site) for site in both.listener.sites] == [SiteView, PartialSiteView]
+        await elapse(1)
+        assert [type(site) for site in both.listener.sites].count(SiteView) > 3
+
+    local(check)
+
+
+def test_a_demand_that_changes_nothing_is_followed_by_a_site_as_new_as_its_answer() -> None:
+    async def check(both: Both) -> None:
+        await both.said(TO_L1)
+        await elapse(0.6)
+        told = len(both.listener.sites)
+        answer = await both.said(TO_L1)
+        (site,) = both.listener.sites[told:]
+        assert (site.boot, site.lifts[0].lift) == (answer.boot, "lift")
+        assert site.event >= answer.event
 
     local(check)
 
@@ -245,7 +267,7 @@ def test_two_adapters_inside_have_sessions_of_their_own_even_of_one_name() -> No
     async def check(both: Both) -> None:
         other = replace(TO_L1, adapter="5")
         assert (await both.said(other)).accepted
-        await elapse(MIN_GAP_S)
+        await elapse(0)
         assert both.listener.lift.holder == HeldBy("rmf", AMR, "5")
         refused = await both.said(TO_L1)
         assert (refused.code, f"held by rmf:{AMR}@5" in refused.reason) == ("held", True)
