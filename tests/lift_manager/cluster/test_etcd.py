@@ -232,7 +232,9 @@ def test_a_term_goes_on_while_the_certificate_is_renewed(tmp_path: Path) -> None
         active.follow(follow)
         waits = [asyncio.create_task(event.wait()) for event in (renewed, active.ends)]
         await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
-        await cancel_all([running, *waits])
+        for wait in waits:
+            wait.cancel()
+        await cancel_all([running])
         return not active.ends.is_set()
 
     with etcd_members(tmp_path, tls=issue(authority, tmp_path, "member")) as members:

@@ -107,7 +107,9 @@ def use_keys(lines: list[str], url: str, cwd: Path) -> None:
 
     def status(method: str, path: str, key: str = "") -> int:
         headers = {"Authorization": f"Bearer {key}"} if key else {}
-        return httpx.request(method, f"{url}/api/v1/{path}", headers=headers, trust_env=False).status_code
+        return httpx.request(
+            method, f"{url}/api/v1/{path}", headers=headers, trust_env=False, timeout=HANGS_S
+        ).status_code
 
     viewer = re.findall("lm_.*", done(make, cwd=cwd))[0]
     eventually(lambda: status("GET", "sites") == 401)
