@@ -71,10 +71,10 @@ def ride_by(call: str, look: str, release: str) -> None:
         return eventually(data)  # on a busy machine a reading may be too old; the state recovers by itself
 
     assert state()["current_floor"] == "L1"
-    assert shell(call) == ANSWERED
+    eventually(lambda: shell(call) == ANSWERED)
     assert state()["destination_floor"] == "L2"
     eventually(lambda: (now := state())["current_floor"] == "L2" and now["door_state"] == 2, every_s=0.25)
-    assert shell(release) == ANSWERED
+    eventually(lambda: shell(release) == ANSWERED)
     eventually(lambda: state()["door_state"] == 0, every_s=0.25)
 
 
@@ -126,18 +126,17 @@ def test_the_first_lift_is_simulated_checked_and_served(start: Started, tmp_path
     assert done(*words(check), cwd=tmp_path).splitlines()[-1] == "examples/first-site.yaml: no mistakes"
     manager = start(*words(serve), "--port", "0", cwd=tmp_path)
     base = manager.says(r"(http://127\.0\.0\.1:\d+)/docs")[1] + "/open-rmf/demo-lift"
-    answer = json.loads(shell(f"curl '{base}/lift_state?lift_name=main'"))
-    assert answer["data"] == {
+    # nothing is shown, and every request refused, while a busy machine does not read the lift in time
+    shown = eventually(lambda: json.loads(shell(f"curl '{base}/lift_state?lift_name=main'"))["data"])
+    assert shown == {
         "available_floors": ["G", "First", "Second"],
         "current_floor": "G",
         "destination_floor": "G",
         "door_state": 0,
         "motion_state": 0,
     }
-    assert (
-        shell(f"""curl -X POST '{base}/lift_request?lift_name=main' -d '{{"floor": "First", "door_state": 0}}'""")
-        == ANSWERED
-    )
+    call = f"""curl -X POST '{base}/lift_request?lift_name=main' -d '{{"floor": "First", "door_state": 0}}'"""
+    eventually(lambda: shell(call) == ANSWERED)
     assert manager.stop()[0] == 0
     assert controller.stop()[0] == 0
 

@@ -37,7 +37,11 @@ def require_nats() -> None:
 
 
 def raise_if_cancelled() -> None:
-    """Raise CancelledError if this task is to end: nats-py (2.16) turns that into an error of its own once its connection is closed."""
+    """Raise CancelledError if this task is to end.
+
+    nats-py (2.16) turns that into an error of its own once its connection is closed. Where it waits with a time limit, and what it waits for
+    comes in the same moment, it is lost altogether (`asyncio.wait_for` before Python 3.12): a hub that changed its sites did not end.
+    """
     task = asyncio.current_task()
     if task is not None and task.cancelling():
         raise asyncio.CancelledError
@@ -108,6 +112,7 @@ class Connection:
             pending_size=0,
             tls=self._tls,
         )
+        raise_if_cancelled()
         await self._on_connected()
 
     async def request(self, subject: str, data: bytes, inbox: str, within_s: float) -> bytes:
@@ -150,6 +155,7 @@ class Connection:
             with suppress(Exception):
                 async with asyncio.timeout(CLOSE_WITHIN_S):
                     await self._client.close()
+            raise_if_cancelled()
 
     async def _on_connected(self) -> None:
         self._trouble = ""

@@ -301,9 +301,9 @@ def test_serve_drives_a_lift_over_mutual_tls_and_is_spoken_to_over_mutual_tls(st
 
     eventually(lambda: state().get("current_floor") == "L1")
     order = {"floor": "L3", "door_state": 2}
-    answer = client.post(f"{base}/lift_request", params={"lift_name": "main"}, json=order).json()
-    assert answer["success"], answer
-    eventually(lambda: (state()["current_floor"], state()["door_state"]) == ("L3", 2))
+    # a manager that could not read its lift in time on a busy machine refuses, and shows nothing of it
+    eventually(lambda: client.post(f"{base}/lift_request", params={"lift_name": "main"}, json=order).json()["success"])
+    eventually(lambda: {"current_floor": "L3", "door_state": 2}.items() <= state().items())
 
     person = ["--by", "M. Weber", "--reason", "new ropes", "--manager", url]
     mutual: list[str | Path] = [

@@ -74,8 +74,9 @@ def _types() -> Any:
 class Oracle:
     """Encodes, decodes and hashes as ROS 2 does."""
 
-    def __init__(self) -> None:
-        self._store = _types()
+    @property
+    def _store(self) -> Any:
+        return _types()
 
     def hash_of(self, name: str) -> str:
         return str(self._store.hash_rihs01(name))

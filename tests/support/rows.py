@@ -10,18 +10,22 @@ import pytest
 LONGEST_NOTE = 300
 
 
-def each_row(names: str | Sequence[str], rows: Iterable[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def each_row(
+    names: str | Sequence[str], rows: Iterable[Any] | Callable[[], Iterable[Any]]
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Call the test once per row, as `pytest.mark.parametrize` does with the same names and rows, but in one item.
 
     Each row is tried, whatever became of the others; the failure is a group with a note of the row at each of its errors. Fixtures
-    are shared by all rows, so a test whose rows leave something in one (a file, what was printed) stays parametrized.
+    are shared by all rows, so a test whose rows leave something in one (a file, what was printed) stays parametrized. Rows that are
+    expensive to make are given as a function, which is called when the test runs.
     """
     arguments = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
-    table = list(rows)
+    given = rows if callable(rows) else list(rows)
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(test)
         def every_row(*bound: Any, **fixtures: Any) -> None:
+            table = list(given() if callable(given) else given)
             assert table, "a table without rows shows nothing"
             errors = []
             for each in table:

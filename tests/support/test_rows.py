@@ -63,3 +63,19 @@ def test_a_row_that_does_not_fit_its_names_fails() -> None:
 def test_what_is_not_in_the_table_is_given_by_pytest(number: int, name: str, request: pytest.FixtureRequest) -> None:
     assert number in {1, 2, 3}
     assert request.node.callspec.params == {"name": name}
+
+
+def test_rows_that_are_given_as_a_function_are_made_when_the_test_runs() -> None:
+    made = []
+
+    def rows() -> list[int]:
+        made.append("rows")
+        return [1, 2]
+
+    @each_row("number", rows)
+    def tries(number: int) -> None:
+        made.append(str(number))
+
+    assert made == []
+    tries()
+    assert made == ["rows", "1", "2"]

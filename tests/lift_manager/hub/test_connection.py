@@ -1,10 +1,13 @@
-"""TLS to a NATS server that hangs."""
+"""Connections to a NATS server: one that hangs, and a task that is ended."""
 
 import asyncio
+import gc
 import ssl
+import warnings
 from pathlib import Path
 
-from lift_manager.hub.connection import client_context
+from lift_manager.hub.connection import Connection, client_context
+from tests.lift_manager.hub.rig import Rig
 from tests.support.certificates import Authority
 
 
@@ -33,3 +36,33 @@ def test_a_connection_to_a_server_that_hangs_ends_at_once(tmp_path: Path) -> Non
             accepted.abort()
 
     asyncio.run(main())
+
+
+def test_a_task_that_opens_and_closes_a_connection_can_be_ended_at_any_moment(rig: Rig) -> None:
+    url, password = rig.access("berlin")
+
+    async def use() -> None:
+        connection = Connection("test", (url,), "manager", password)
+        try:
+            await connection.open()
+        finally:
+            await connection.close()
+
+    async def main() -> None:
+        await use()  # the server has started
+        turns, is_done = 0, False
+        while not is_done:
+            task = asyncio.create_task(use())
+            for _ in range(turns):
+                await asyncio.sleep(0)
+            is_done, turns = task.done(), turns + 1
+            task.cancel()
+            await asyncio.wait([task])
+            assert task.cancelled() is not is_done, turns
+        assert turns > 5
+        gc.collect()
+
+    with rig.leaf("berlin"), warnings.catch_warnings():
+        # nats-py leaves a socket that is not connected yet to the collector
+        warnings.simplefilter("ignore", ResourceWarning)
+        asyncio.run(main())

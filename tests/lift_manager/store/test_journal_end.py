@@ -46,8 +46,9 @@ def hold_the_door(port: int) -> None:
     base = f"http://127.0.0.1:{port}/open-rmf/demo-lift"
     with httpx.Client(base_url=base, params={"lift_name": "lift"}, trust_env=False, timeout=HANGS_S) as client:
         body = {"floor": "L1", "door_state": 2}
-        assert client.post("/lift_request", json=body).json()["success"]
-        eventually(lambda: client.get("/lift_state").json()["data"]["door_state"] == 2)
+        # a manager that could not read its lift in time on a busy machine refuses, and shows nothing of it
+        eventually(lambda: client.post("/lift_request", json=body).json()["success"])
+        eventually(lambda: client.get("/lift_state").json()["data"].get("door_state") == 2)
 
 
 async def ended(plc: SimulatedController, path: Path, hanging: Hanging) -> tuple[bool, float]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import jsonschema
 import pytest
-from openapi_spec_validator import OpenAPIV31SpecValidator
 from pydantic import BaseModel, ValidationError
 
 from lift_manager.api.keys import KeyRing, Keys
@@ -129,6 +128,8 @@ def test_every_summary_is_a_few_words_and_no_two_are_the_same() -> None:
 
 
 def test_the_document_is_valid_by_the_specification() -> None:
+    from openapi_spec_validator import OpenAPIV31SpecValidator  # which takes long to load, and nobody else needs it
+
     assert [error.message for error in OpenAPIV31SpecValidator(document()).iter_errors()] == []
 
 
