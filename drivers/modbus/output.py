@@ -183,8 +183,9 @@ class Output:
     @property
     def is_asserted(self) -> bool:
         """Whether a write to its cells has to write it as pressed."""
-        off = self.paused or self.is_yielding or self.is_lost
-        return self.phase is Phase.ON and not off and not self.spec.ends_itself
+        if self.phase is not Phase.ON or self.spec.ends_itself:
+            return False
+        return not (self.paused or self.is_yielding or self.is_lost)
 
     @property
     def is_held(self) -> bool:

@@ -234,7 +234,7 @@ def _take_reading(draft: Draft, reading: LiftReading) -> None:
     """Add a reading to what is known, and continue with it."""
     config, before, at = draft.config, draft.record.observation, reading.at
     gap_s = at - draft.moment.read_at
-    draft.moment = replace(draft.moment, read_at=at)
+    draft.moment = Moment(draft.now, draft.moment.clock, at)
     for notice in reading.notices:
         draft.alarm(notice, draft.session.holder if draft.session is not None else None)
     observation = observe(before, reading, config.capabilities, gap_s=gap_s, apart_s=config.readings_apart_s)
@@ -257,6 +257,8 @@ def _judged(draft: Draft, observation: Observation, at: float) -> tuple[Observat
     judged = judge(config, record.track, record.durable.trust, observation, own, at, draft.moment.clock)
     draft.change(track=judged.track)
     draft.change_durable(trust=judged.trust)
+    if not (judged.doubt or judged.must_close or judged.pending):
+        return observation, judged.alarms
     is_settled = observation.is_settled and not judged.pending
     after = replace(observation, doubt=judged.doubt, must_close=judged.must_close, is_settled=is_settled)
     return after, judged.alarms

@@ -257,22 +257,23 @@ class LiftActor:
             self.journal.link(done.record.fault, moment.now, answers=True)
             self.journal.mode(happened.reading.values.mode, moment.now)
         if moment.read_at != self._read_at:
-            moment = replace(moment, read_at=self._read_at)
-        self._carry_out(done, moment, not_recorded=isinstance(happened, CommitFailed))
+            moment = Moment(moment.now, moment.clock, self._read_at)
+        self._carry_out(done, moment, happened)
         return done.reply
 
-    def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:
+    def _carry_out(self, done: Step, moment: Moment, happened: Input | None = None) -> None:
         """Assign the record, publish, and then declare, press and write down what follows from it."""
         before, self.record, self._stepped_at = self.record, done.record, moment
         self._settled = settled_observation(done.record)
         self.journal.call(before.call, done.record.call)
         for event in done.events:
             self.publish(event)
-        if self._bus.received:
+        is_commit_alone = isinstance(happened, Committed) and not before.disk_trouble
+        if self._bus.received and not is_commit_alone:  # it changes nothing of the state, and a press waits for it
             self._publish_state(moment)
         if done.record.durable is not before.durable:
             self._save()
-        self.outputs.carry_out(done.record, done.actions, moment, not_recorded=not_recorded)
+        self.outputs.carry_out(done.record, done.actions, moment, not_recorded=isinstance(happened, CommitFailed))
         self.inbox.wake(done.wake_at)
 
     def _save(self) -> None:
