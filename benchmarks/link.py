@@ -30,6 +30,7 @@ from benchmarks.common import REGISTERS
 from drivers.errors import HeartbeatStopped
 from drivers.modbus.link import Link
 from drivers.modbus.tls import LinkTls
+from drivers.model import LiftReading
 from register_maps import frames
 from register_maps.words import Table
 
@@ -92,11 +93,13 @@ async def lift_read(port: int) -> AsyncIterator[Poll]:
 async def lift_poll(port: int) -> AsyncIterator[Poll]:
     """The same, with what the manager makes of the reading."""
     async with _link_up(port) as link:
-        driver = common.make_driver(link)
+        driver, loop = common.make_driver(link), asyncio.get_running_loop()
         actor = common.make_actor(driver)
 
         async def poll() -> None:
-            actor.take_reading(await driver.read(), asyncio.get_running_loop().time())
+            answered: asyncio.Future[LiftReading | None] = loop.create_future()  # in the manager a poll has none
+            reading = await answered if driver.begin_read(answered.set_result) else None
+            actor.take_reading(reading or await driver.read(), loop.time())
 
         yield poll
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from drivers.model import (
@@ -20,6 +20,9 @@ from drivers.model import (
     SignalValue,
     Written,
 )
+
+OnAnswer = Callable[["LiftReading | None"], None]
+"""Receives the result of a poll that was begun without a task."""
 
 Report = Outcome | OutputChanged | Written | DriverFailed
 """What a driver reports by itself."""
@@ -79,7 +82,15 @@ class LiftDriver(Protocol):
         ...
 
     async def read(self) -> LiftReading:
-        """Poll once. Raises DriverError; an old reading is never returned instead."""
+        """Poll once, or finish the poll that was begun. Raises DriverError; an old reading is never returned instead."""
+        ...
+
+    def begin_read(self, on_answer: OnAnswer) -> bool:
+        """Begin a poll without a task, which costs as much as the rest of a poll. Returns False where that is not possible: call `read`.
+
+        Otherwise `on_answer` is called once, and must not raise: with a reading that repeats the one before in all but its time, or
+        with None. In that case `read` returns the reading, or raises, without repeating the request.
+        """
         ...
 
     def declare(self, holds: Mapping[Command, Hold]) -> None:

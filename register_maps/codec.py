@@ -83,10 +83,21 @@ class _Layout:
     """Shift there, mask, shift in the raw integer; for each point of a signal."""
     masks: list[int]
     """Which bits of a poll are each signal's."""
+    _others: dict[str, int] = field(default_factory=dict)
+
+    def others(self, signal: str) -> int:
+        """Return which bits of a poll are those of the other signals."""
+        if signal not in self._others:
+            masks = zip(self.names, self.masks, strict=True)
+            self._others[signal] = reduce(or_, (mask for name, mask in masks if name != signal), 0)
+        return self._others[signal]
 
 
 class Reader:
     """Turns the payloads of polls into values; decodes only what has changed."""
+
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = ("_bits", "_layout", "_payloads", "unlisted", "values")
 
     def __init__(self, layout: _Layout) -> None:
         """Begin without a poll."""
@@ -124,6 +135,15 @@ class Reader:
         if changed:
             self.values = self.values | changed
         return frozenset(changed)
+
+    def repeats(self, payload: bytes) -> bool:
+        """Whether a poll of one block is the same as the newest one."""
+        return self._payloads == (payload,)
+
+    def differs_only_in(self, signal: str, payload: bytes) -> bool:
+        """Whether a poll of one block differs from the newest one in this signal at the most."""
+        differ = int.from_bytes(payload, "big") ^ self._bits
+        return len(self._payloads) == 1 and not differ & self._layout.others(signal)
 
     def raw(self) -> dict[str, int]:
         """Return every signal's raw integer in the newest poll, before scale and table; empty before the first."""

@@ -19,6 +19,9 @@ class AliveCounter:
     or stopped serves a counter that differs from the one read last.
     """
 
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = ("_endpoint", "_epoch", "_hint", "_name", "_since", "_within_s", "live_until")
+
     def __init__(self, codec: Codec, name: str) -> None:
         """`name` begins every message. Without a counter in the map the program always counts as running."""
         self._name = name

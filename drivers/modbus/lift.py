@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from drivers.driver import DriverOwner
+from drivers.driver import DriverOwner, OnAnswer
 from drivers.errors import (
     ConnectionLost,
     ControllerException,
@@ -44,6 +44,7 @@ from drivers.model import (
 )
 from register_maps.arbitration import NO_CLAIM, Claim, claim_alone
 from register_maps.codec import Cell, Codec
+from register_maps.frames import Request
 
 _ONLY_ALIVE = frozenset({SIGNAL})
 _RELEASED_EARLY = "released before it was confirmed"
@@ -54,6 +55,39 @@ class ModbusLift:
 
     `declare` and `press` return at once; `run` writes. Raises ValueError if the site's floors do not fit the map's coding.
     """
+
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = (
+        "_alive",
+        "_arbitration",
+        "_begun",
+        "_blocks",
+        "_codec",
+        "_commands",
+        "_declared",
+        "_diagnosis",
+        "_epoch",
+        "_epochs",
+        "_foreign_writes",
+        "_is_floor_known_under_way",
+        "_name",
+        "_names",
+        "_notices",
+        "_outputs",
+        "_permissions",
+        "_presses",
+        "_reader",
+        "_reports",
+        "_requested_at",
+        "_requests",
+        "_settings",
+        "_signals",
+        "_units",
+        "_watchdog_unit_s",
+        "_worker",
+        "_writer",
+        "capabilities",
+    )
 
     def __init__(
         self,
@@ -79,6 +113,7 @@ class ModbusLift:
         )
         self._requests = tuple((b, self._units.link(b.endpoint), self._units.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)
+        self._begun = _BegunPoll(*self._requests[0][1:], self._repetition) if len(self._requests) == 1 else None
         self._requested_at: tuple[float, ...] = ()
         """When each block of the newest poll was requested; empty before the first."""
         self._signals: Signals | None = None
@@ -161,40 +196,20 @@ class ModbusLift:
         return self._signals.values_at(self._reader, self._requested_at, now)
 
     async def read(self) -> LiftReading:
-        """Poll once. Raises DriverError."""
-        units, reports = self._units, self._reports
-        epoch = units.epoch
-        if len(self._requests) == 1:
-            block, link, request = self._requests[0]
-            try:
-                payloads: tuple[bytes, ...] = (await link.read(request),)
-            except ControllerException as error:
-                raise await self._diagnosis.explain(error, block) from error
-            at = link.stats.asked_at
-            requested_at: tuple[float, ...] = (at,)
-        else:
-            payloads, requested_at = await self._read_blocks()
-            at = requested_at[0]
-        if units.epoch != epoch:
+        """Poll once, or finish the poll that was begun. Raises DriverError."""
+        is_begun = self._begun is not None and self._begun.answer is not None
+        epoch = self._epoch if is_begun else self._units.epoch  # what was begun is of the connection that was read last
+        payloads, requested_at = await self._read_blocks()
+        if self._units.epoch != epoch:
             raise ConnectionLost(self._name, "poll", "the connection was replaced in the middle of it")
         is_new = epoch != self._epoch
         if is_new:
             await self._read_outputs_again(epoch)
-        changed = self._reader.feed(payloads)
-        self._requested_at = requested_at
-        values = reports.values
-        if changed or values is None:
-            values = self._update_values(changed or frozenset(), at)
-        if is_new:
-            self._alive.connected(self._epochs, at)
-            self._presses.restart(values, at)
-        if at > self._alive.live_until:
-            raise self._alive.error(at)
-        if self._presses.waiting:
-            self._presses.check_proof(values, at)
-        return LiftReading(
-            at, epoch, values, self._foreign_writes.take_notices(at) if self._notices else (), reports.states
-        )
+        return self._reading(payloads, requested_at, is_new=is_new)
+
+    def begin_read(self, on_answer: OnAnswer) -> bool:
+        """Begin a poll of one block, over a connection that was read before."""
+        return self._begun is not None and self._units.epoch == self._epoch and self._begun.begin(on_answer)
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
@@ -301,11 +316,42 @@ class ModbusLift:
         requested_at: list[float] = []
         for block, link, request in self._requests:
             try:
-                payloads.append(await link.read(request))
+                begun = None if self._begun is None else self._begun.take()
+                payloads.append(await link.read(request) if begun is None else begun)
             except ControllerException as error:
                 raise await self._diagnosis.explain(error, block) from error
             requested_at.append(link.stats.asked_at)
         return tuple(payloads), tuple(requested_at)
+
+    def _repetition(self, payload: bytes) -> LiftReading | None:
+        """Return the reading of an answer that repeats the one before; None where there is more to do than to take it."""
+        values, at = self._reports.values, self._requests[0][1].stats.asked_at
+        if values is None or self._presses.waiting or self._notices or at > self._alive.live_until:
+            return None
+        if not self._reader.repeats(payload):
+            return self._reading((payload,), (at,)) if self._reader.differs_only_in(SIGNAL, payload) else None
+        self._requested_at = (at,)
+        return LiftReading(at, self._epoch, values, (), self._reports.states)
+
+    def _reading(
+        self, payloads: tuple[bytes, ...], requested_at: tuple[float, ...], *, is_new: bool = False
+    ) -> LiftReading:
+        """Take the answers of one poll. Raises HeartbeatStopped."""
+        reports, at = self._reports, requested_at[0]
+        changed = self._reader.feed(payloads)
+        self._requested_at = requested_at
+        values = reports.values
+        if changed or values is None:
+            values = self._update_values(changed or frozenset(), at)
+        if is_new:
+            self._alive.connected(self._epochs, at)
+            self._presses.restart(values, at)
+        if at > self._alive.live_until:
+            raise self._alive.error(at)
+        if self._presses.waiting:
+            self._presses.check_proof(values, at)
+        notices = self._foreign_writes.take_notices(at) if self._notices else ()
+        return LiftReading(at, self._epoch, values, notices, reports.states)
 
     def _update_values(self, changed: frozenset[str], at: float) -> LiftValues:
         if SIGNAL in changed:
@@ -372,3 +418,47 @@ class ModbusLift:
         """Release an output that somebody else has pressed."""
         self._outputs.clear(name, asyncio.get_running_loop().time())
         self._worker.wake()
+
+
+class _BegunPoll:
+    """A poll of one block that was begun without a task. Keeps an answer that is more than a repetition."""
+
+    __slots__ = ("_link", "_on_answer", "_repetition", "_request", "answer")
+
+    def __init__(self, link: Link, request: Request, repetition: Callable[[bytes], LiftReading | None]) -> None:
+        """`repetition` returns the reading of an answer, or None where the answer is to be kept."""
+        self._link = link
+        self._request = request
+        self._repetition = repetition
+        self._on_answer: OnAnswer
+        self.answer: bytes | Exception | None = None
+        """What was answered, or why nothing was, until it is taken."""
+
+    def begin(self, on_answer: OnAnswer) -> bool:
+        """Send the request, unless it would have to wait: then return False."""
+        self.answer, self._on_answer = None, on_answer
+        return self._link.read_at_once(self._request, self)
+
+    def done(self) -> bool:
+        return False
+
+    def set_result(self, payload: bytes, /) -> None:
+        try:
+            reading = self._repetition(payload)
+        except Exception as bug:  # noqa: BLE001 - raised by `read`: the connection and the other lifts on it have no part in it
+            self.set_exception(bug)
+            return
+        if reading is None:
+            self.answer = payload
+        self._on_answer(reading)
+
+    def set_exception(self, error: Exception, /) -> None:
+        self.answer = error
+        self._on_answer(None)
+
+    def take(self) -> bytes | None:
+        """Return the answer that is kept, once. Raises the error of a request without one."""
+        answer, self.answer = self.answer, None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer

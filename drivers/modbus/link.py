@@ -16,7 +16,7 @@ from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
 from drivers.flag import Flag
 from drivers.modbus.declared_writes import DeclaredWrites, UndeclaredWrite
 from drivers.modbus.settings import LinkSettings, LinkStats
-from drivers.modbus.transactions import NO_ANSWER, Permit, Transactions
+from drivers.modbus.transactions import NO_ANSWER, Permit, Receiver, Transactions
 from drivers.modbus.wire import OnBytes, Wire
 from drivers.rate_limits import SUMMARY_EVERY_S, ChangeRateLimiter
 from register_maps.frames import Request
@@ -44,6 +44,36 @@ class Link:
 
     One transaction is in flight at a time. A command waits for that one at most, not for queued reads.
     """
+
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = (
+        "_closing",
+        "_down",
+        "_ended",
+        "_is_logged",
+        "_last_tid",
+        "_listeners",
+        "_make_wire",
+        "_outages",
+        "_prepare",
+        "_quiet_since",
+        "_reason",
+        "_running",
+        "_since",
+        "_state",
+        "_summary",
+        "_transactions",
+        "_up",
+        "_warned",
+        "_wire",
+        "_wire_listener",
+        "declared",
+        "epoch",
+        "name",
+        "settings",
+        "shared_words",
+        "stats",
+    )
 
     def __init__(
         self,
@@ -143,6 +173,13 @@ class Link:
         if request.values:
             raise ValueError(f"not a read: {request}")
         return await transactions.read(request)
+
+    def read_at_once(self, request: Request, receiver: Receiver) -> bool:
+        """As `read`, without a task: returns False, and sends nothing, if it is down or the request would have to wait."""
+        if request.values:
+            raise ValueError(f"not a read: {request}")
+        transactions = self._transactions
+        return transactions is not None and transactions.read_at_once(request, receiver)
 
     async def read_urgent(self, request: Request) -> bytes:
         """As `read`, in the command lane: to read back the effect of a command."""

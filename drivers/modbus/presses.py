@@ -40,18 +40,17 @@ class Press:
 class Presses:
     """Holds at most one press per command; a newer one ends the older."""
 
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = ("_by_name", "_floors", "_report", "_standing", "waiting")
+
     def __init__(self, floors: Sequence[FloorName], evidence: Evidence, report: Callable[[Outcome], None]) -> None:
         """`floors`, lowest first; `evidence` is the map's rule for a car that stands."""
         self._floors = tuple(floors)
         self._report = report
         self._by_name: dict[str, Press] = {}
-        self._waiting: list[Press] = []
+        self.waiting: list[Press] = []
+        """Those for whose proof readings are checked."""
         self._standing = StandstillEvidence(evidence)
-
-    @property
-    def waiting(self) -> bool:
-        """Whether readings are checked for proof."""
-        return bool(self._waiting)
 
     @property
     def unwritten(self) -> tuple[str, ...]:
@@ -84,12 +83,12 @@ class Presses:
         press.written_at = loop.time()
         was_standing = self._standing.is_standing(press.written_at)
         press.expected = Expectation(press.command, confirm.any_of, before, self._floors, was_standing)
-        self._waiting.append(press)
+        self.waiting.append(press)
         loop.call_later(confirm.within_s, self._give_up, press, confirm.within_s)
 
     def check_proof(self, values: LiftValues, at: float) -> None:
         """Check the waiting presses against a reading; only one requested after the write counts."""
-        for press in tuple(self._waiting):
+        for press in tuple(self.waiting):
             if press.expected is None or at < press.written_at:
                 continue
             found = find_proof(press.expected, values, read_back=press.read_back)
@@ -109,8 +108,8 @@ class Presses:
 
     def finish(self, press: Press, result: Result, reason: str, found: Proof = Proof.NONE) -> None:
         """Give a press its outcome."""
-        if press in self._waiting:
-            self._waiting.remove(press)
+        if press in self.waiting:
+            self.waiting.remove(press)
         if self._by_name.get(press.command.name) is press:
             del self._by_name[press.command.name]
         if not press.ended:

@@ -28,6 +28,9 @@ from register_maps.words import Side
 class DriverReports:
     """Reports of one lift's driver to its owner."""
 
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = ("_floors", "_outputs", "ignored", "owner", "states", "values")
+
     def __init__(self, outputs: Outputs, floors: Mapping[int, FloorName]) -> None:
         """`floors` are floor names by code."""
         self.owner: DriverOwner = NoOwner()

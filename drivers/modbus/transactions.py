@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from bisect import bisect_left
 from collections.abc import Callable
+from typing import Protocol
 
 from drivers.errors import (
     BUSY,
@@ -31,8 +32,22 @@ from register_maps.frames import Request, check, describe_answer, frame, tid_of
 Permit = Callable[[], str | None]
 """Called immediately before the bytes leave; a text refuses the request and gives the reason."""
 
-_Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int, float, bool]
-"""(future of the answer, request, permit, remaining retries, waiting since, whether it presses)."""
+
+class Receiver(Protocol):
+    """Receives the answer to one request, or why there is none: a future, or an object that continues without a task."""
+
+    def done(self) -> bool:
+        """Whether it no longer waits for it."""
+
+    def set_result(self, payload: bytes, /) -> None:
+        """Receive the answer, in the middle of the work of its connection."""
+
+    def set_exception(self, error: Exception, /) -> None:
+        """Receive why there is none, in the middle of the work of its connection."""
+
+
+_Job = tuple[Receiver, Request, Permit | None, int, float, bool]
+"""(receiver of the answer, request, permit, remaining retries, waiting since, whether it presses)."""
 _AT_ONCE = -1.0
 """In place of the time, for a request that need not wait: saves a look at the clock."""
 
@@ -177,14 +192,19 @@ class Transactions:
     def read(self, request: Request) -> asyncio.Future[bytes]:
         """Queue a request in the read lane."""
         future: asyncio.Future[bytes] = self._loop.create_future()
-        if self._job is None and self._gap is None and self._busy_pause is None:
-            # nothing waits in either lane then
-            self._commands_in_a_row = 0
-            self._stats.read_waits.counts[0] += 1  # not `add`, as in `on_frame`
-            self._send((future, request, None, self._settings.busy_retries, _AT_ONCE, False))
-            return future
-        self._reads.append((future, request, None, self._settings.busy_retries, self._loop.time(), False))
+        if not self.read_at_once(request, future):
+            self._reads.append((future, request, None, self._settings.busy_retries, self._loop.time(), False))
         return future
+
+    def read_at_once(self, request: Request, receiver: Receiver) -> bool:
+        """Send a read, unless it would have to wait: then return False."""
+        if self._job is not None or self._gap is not None or self._busy_pause is not None:
+            return False
+        # nothing waits in either lane then
+        self._commands_in_a_row = 0
+        self._stats.read_waits.counts[0] += 1  # not `add`, as in `on_frame`
+        self._send((receiver, request, None, self._settings.busy_retries, _AT_ONCE, False))
+        return True
 
     def command(self, request: Request, permit: Permit | None, *, presses: bool = True) -> asyncio.Future[bytes]:
         """Queue a request in the command lane. One that `presses` is refused while the controller does not answer."""
@@ -214,17 +234,14 @@ class Transactions:
         if job is None or (self._tid_echo and (answer[0] << 8 | answer[1]) != self.last_tid):
             self._on_stray(answer)
             return
+        refusal = None
         try:
             payload = check(job[1], answer)
         except ExceptionAnswer as error:
-            self._on_exception(job, error)
+            refusal, payload = error, b""
         except Mismatch as error:
             self._on_mismatch(job, error)
             return
-        else:
-            future = job[0]
-            if not future.done():
-                future.set_result(payload)
         now, stats = self._loop.time(), self._stats
         stats.asked_at = sent_at = self._sent_at
         took_s = now - sent_at
@@ -237,6 +254,11 @@ class Transactions:
         latency.unmeasured += 1
         if latency.unmeasured >= _MEASURED or self._timeouts_in_a_row or self._silent or not self.proved:
             self._measure(job[1].unit, took_s)
+        receiver = job[0]
+        if refusal is not None:
+            self._on_exception(job, refusal)
+        elif not receiver.done():
+            receiver.set_result(payload)
         self._finish()
 
     def _measure(self, unit: int, took_s: float) -> None:
@@ -266,7 +288,7 @@ class Transactions:
                 self._commands_in_a_row = 0
             else:
                 return
-            # A finished future: its caller was cancelled.
+            # one that is done: its caller was cancelled
             if not job[0].done() and (job[2] is None or self._may_leave(job, job[2])):
                 break
         waits.add(0.0 if job[4] < 0 else self._loop.time() - job[4])  # less than 0: _AT_ONCE
@@ -283,7 +305,7 @@ class Transactions:
             latency = self._latencies[request.unit] = self._settings.new_latency()
         self._latency = latency
         wait_s = latency.timeout_s
-        if wait_s < self._write_wait_s and request.is_write:
+        if wait_s < self._write_wait_s and request.values:
             wait_s = self._write_wait_s
         self._sent_at = sent_at = self._loop.time()
         self._deadline = sent_at + wait_s
@@ -334,10 +356,10 @@ class Transactions:
             self._next()
 
     def _on_exception(self, job: _Job, answer: ExceptionAnswer) -> None:
-        future, request, _, retries, *_ = job
+        receiver, request, _, retries, *_ = job
         self._stats.exceptions += 1
-        if answer.code == BUSY and not request.is_write and retries and not future.done():
-            self._reads.insert(0, (future, request, None, retries - 1, self._loop.time(), False))
+        if answer.code == BUSY and not request.is_write and retries and not receiver.done():
+            self._reads.insert(0, (receiver, request, None, retries - 1, self._loop.time(), False))
             if self._busy_pause is not None:
                 self._busy_pause.cancel()
             self._busy_pause = self._loop.call_later(self._settings.busy_pause_s, self._on_busy_pause_over)

@@ -30,6 +30,9 @@ class Unit:
 class Units:
     """Every device of one lift, by endpoint; the controller's endpoint is empty."""
 
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = ("_fence_at", "_links", "_suspended_before_s", "_suspended_s", "_units")
+
     def __init__(
         self, controller: Unit, endpoints: Mapping[str, Unit], *, suspended_s: Callable[[], float] = suspended_s
     ) -> None:

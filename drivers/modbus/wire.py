@@ -80,6 +80,9 @@ class Wire(Protocol):
 class PymodbusWire:
     """A wire over TCP, with or without TLS, on the transport layer of pymodbus."""
 
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = ("_attempts", "_connection", "_host", "_peer", "_port", "_tls", "on_bytes", "remaining_s")
+
     def __init__(
         self,
         host: str,
@@ -138,11 +141,12 @@ class PymodbusWire:
             connection.abort()
 
     def send(self, frame: bytes) -> None:
-        if self._connection is None or (self.remaining_s is not None and self.remaining_s() <= 0):
+        connection = self._connection
+        if connection is None or (self.remaining_s is not None and self.remaining_s() <= 0):
             return
         if self.on_bytes is not None:
             self.on_bytes(True, frame)
-        self._connection.write(frame)
+        connection.write(frame)
 
     async def _context(self, tls: LinkTls) -> ClientContext:
         attempt = self._attempts
@@ -195,15 +199,15 @@ class _Connection(ModbusProtocol):
         # that the whole process shares.
         self._rest_is_old = bool(self._rest)
         if self.transport is not None:
-            self._limit_repetition()
+            if self._wire.remaining_s is not None:
+                self._limit_repetition(self._wire.remaining_s())
             self.transport.write(frame)  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
 
-    def _limit_repetition(self) -> None:
+    def _limit_repetition(self, remaining_s: float) -> None:
         """Let the kernel send bytes again for no longer than this manager may send."""
-        if self._wire.remaining_s is not None:
-            remaining_ms = max(int(self._wire.remaining_s() * 1000), 1)  # 0 would be the default of the system, minutes
-            connected = self.transport.get_extra_info("socket")
-            connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, remaining_ms)
+        remaining_ms = max(int(remaining_s * 1000), 1)  # 0 would be the default of the system, minutes
+        connected = self.transport.get_extra_info("socket")
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, remaining_ms)
 
     def abort(self) -> None:
         """Drop the connection. `close` alone would wait until a silent peer has received all unsent data."""

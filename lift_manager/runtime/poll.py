@@ -6,6 +6,7 @@ import asyncio
 
 from drivers.errors import DriverError
 from drivers.flag import Flag
+from drivers.model import LiftReading
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.ticker import Ticker
 
@@ -22,7 +23,27 @@ given up after two time-outs of 0.25 and 0.5 s, and one lost answer takes no lif
 
 
 class LiftPoll:
-    """The poll loop of one lift."""
+    """Polls one lift.
+
+    A poll that repeats the one before is begun by the ticker and ended by its answer, and wakes no task; any other is finished
+    in the task of `run`.
+    """
+
+    # every poll touches it: see benchmarks/README.md
+    __slots__ = (
+        "_actor",
+        "_began",
+        "_due",
+        "_first_poll_s",
+        "_loop",
+        "_needed",
+        "_reading",
+        "_sleeps",
+        "_slowest_s",
+        "_ticker",
+        "looked",
+        "polls",
+    )
 
     def __init__(self, actor: LiftActor, ticker: Ticker | None = None, *, first_poll_s: float = 0.0) -> None:
         """The lifts of a site share a ticker. `first_poll_s` delays the first poll, so that they do not poll in one burst."""
@@ -33,31 +54,89 @@ class LiftPoll:
         self._actor = actor
         self._first_poll_s = first_poll_s
         self._ticker = ticker or Ticker()
+        self._due = self._began = 0.0
+        """When the newest poll was due, and when it began."""
         self._slowest_s = 0.0
         """The slowest recent poll, decaying; the wait for other lifts on its line, and for our own loop, counts too."""
+        self._loop: asyncio.AbstractEventLoop
+        self._needed: asyncio.Future[None]
+        """Wakes the task of `run`."""
+        self._sleeps = False
+        """Whether that task waits to be woken; not while it is at work, nor once it has ended."""
+        self._reading: LiftReading | None = None
+        """The result of the poll for which the task was woken, if it is known."""
 
     async def run(self) -> None:
         """Continue with the session from before this start, and poll the lift until cancelled."""
         self._actor.begin()
-        loop, actor, pause = asyncio.get_running_loop(), self._actor, self._actor.pause
+        self._loop = asyncio.get_running_loop()
         await asyncio.sleep(self._first_poll_s)
-        due = loop.time()
-        while True:
-            began = loop.time()
-            try:
-                reading = await actor.driver.read()
-            except DriverError as error:
-                actor.take_failure(error)
-                is_answered = False
-            else:
-                actor.take_reading(reading, loop.time())
-                self.looked.set()
-                is_answered = True
-            self.polls += 1
-            ended = loop.time()
-            self._slowest_s = max(ended - began, self._slowest_s * FORGETS)
-            await pause.last_until(self._next_due(due, ended, is_answered=is_answered), self._ticker)
-            due = pause.until
+        self._due = self._began = self._loop.time()
+        try:
+            while True:
+                is_answered = await self._poll()
+                self._needed, self._sleeps = self._loop.create_future(), True
+                self._end_poll(self._loop.time(), is_answered=is_answered)
+                await self._needed
+        finally:
+            self._sleeps = False
+
+    async def _poll(self) -> bool:
+        """Make a poll, or finish the one that was begun. Returns whether it was answered."""
+        reading, self._reading = self._reading, None
+        try:
+            if reading is None:
+                reading = await self._actor.driver.read()
+        except DriverError as error:
+            self._actor.take_failure(error)
+            return False
+        self._actor.take_reading(reading, self._loop.time())
+        self.looked.set()
+        return True
+
+    def _begin_poll(self) -> None:
+        """Begin the poll that is due."""
+        if not self._sleeps:
+            return
+        actor = self._actor
+        self._due, self._began = actor.pause.until, self._loop.time()
+        try:
+            if not actor.driver.begin_read(self._on_answer):
+                self._wake()
+        except Exception as bug:  # noqa: BLE001 - raised by the task, as any other bug of this lift
+            self._wake(bug)
+
+    def _on_answer(self, reading: LiftReading | None) -> None:
+        """Take the result of a poll that was begun, and continue in the task if it needs more than that."""
+        if not self._sleeps:
+            return
+        now = self._loop.time()
+        try:
+            if reading is not None and self._actor.take_repetition(reading, now):
+                self._end_poll(now, is_answered=True)
+                return
+        except Exception as bug:  # noqa: BLE001 - as above
+            self._wake(bug)
+            return
+        self._reading = reading
+        self._wake()
+
+    def _wake(self, bug: Exception | None = None) -> None:
+        """Continue in the task, which raises this bug."""
+        self._sleeps = False
+        if self._needed.done():
+            return  # the task is being cancelled
+        if bug is None:
+            self._needed.set_result(None)
+        else:
+            self._needed.set_exception(bug)
+
+    def _end_poll(self, ended: float, *, is_answered: bool) -> None:
+        """Count a poll that has ended, and have the next one begun when it is due."""
+        self.polls += 1
+        self._slowest_s = max(ended - self._began, self._slowest_s * FORGETS)
+        due = self._next_due(self._due, ended, is_answered=is_answered)
+        self._actor.pause.last_until(due, self._ticker, self._begin_poll)
 
     def _next_due(self, due: float, ended: float, *, is_answered: bool) -> float:
         """Return when the next poll is due, after one that was due at `due`."""

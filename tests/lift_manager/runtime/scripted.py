@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
-from drivers.driver import DriverOwner, NoOwner
+from drivers.driver import DriverOwner, NoOwner, OnAnswer
 from drivers.errors import Delivery, DriverError
 from drivers.model import (
     Capabilities,
@@ -158,6 +158,9 @@ class ScriptedDriver:
                 self._let_go(name)
         self._report_states()
         return LiftReading(at, 1, values, outputs=self._states)
+
+    def begin_read(self, on_answer: OnAnswer) -> bool:
+        return False
 
     def signals(self, now: float) -> tuple[SignalValue, ...]:
         value = self.values.floor
