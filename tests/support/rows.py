@@ -20,12 +20,13 @@ def each_row(
     expensive to make are given as a function, which is called when the test runs.
     """
     arguments = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
-    given = rows if callable(rows) else list(rows)
+    # an enum is callable too, and a table of its members
+    given = list(rows) if isinstance(rows, Iterable) else rows
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(test)
         def every_row(*bound: Any, **fixtures: Any) -> None:
-            table = list(given() if callable(given) else given)
+            table = given if isinstance(given, list) else list(given())
             assert table, "a table without rows shows nothing"
             errors = []
             for each in table:
