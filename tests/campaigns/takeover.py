@@ -15,6 +15,7 @@ the end, and the namespaces of a command that was killed by the next one.
 
 import argparse
 import json
+import math
 import os
 import shutil
 import signal
@@ -27,6 +28,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -40,7 +42,16 @@ from lift_manager.lab.bench.site import site_file
 from register_maps.codec import compile_map
 from register_maps.load import load
 from tests.campaigns.takeover_clients import Client, Requests, Robot
-from tests.campaigns.takeover_judge import Finding, judge_answers, judge_order, judge_passages, percentile
+from tests.campaigns.takeover_judge import (
+    Alone,
+    Finding,
+    Row,
+    first_difference,
+    judge_answers,
+    judge_order,
+    judge_passages,
+    percentile,
+)
 from tests.campaigns.takeover_network import (
     CONTROLLER,
     FIELD,
@@ -77,6 +88,7 @@ FAULTS = (
     *ON_LOOPBACK,
     *("kill", "lose_machine", "lose_machine", "unplug", "cut_active", "cut_active", "cut_standby", "cut_all"),
     *("cut_one_way", "cut_one_way", "cut_controller", "kill_leader", "slow_disk", "slow_disk", "jump_clock"),
+    "go_on_alone",
 )
 
 
@@ -146,6 +158,8 @@ class Pair:
         self._filtered = filtered
         self._has_one_slot = plan.map.map.link.max_connections == 1
         self._happened: list[tuple[float, str]] = [(0.0, "start")]
+        self._alone: list[tuple[str, datetime, datetime]] = []
+        """Which machine went on alone, from when until when: what it wrote meanwhile is in its journal only."""
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -345,6 +359,55 @@ class Pair:
 
         return Happening(undo)
 
+    def _go_on_alone(self, active: Machine) -> Happening:
+        """The witness is lost, then the active machine; a person lets the other one go on alone, and joins them once all is back."""
+        alone = self.other(active)
+        self.members.kill(WITNESS)
+        self._awaited(
+            lambda: active if self._serves(active.name) and self._serves(alone.name) else None, "a lost witness"
+        )
+        self.use(1.0)
+        self._lose_machine(active)
+        self._stop(alone)
+        decided_at = datetime.now(UTC)
+        self._by_eve("solo", alone, "--off", active.name)
+        epoch = decided_epoch(alone.site)
+        self.keys.alone.append(Alone(alone.name, time.monotonic(), epoch))
+        alone.start()
+
+        def undo() -> None:
+            self._namespaces.plug(active.name)
+            for name in (active.name, WITNESS):
+                self.members.start(name)
+            eventually(lambda: f"{alone.name} goes on alone" in call("cluster", "status", alone.site).stdout)
+            is_early = self.dice.random() < 0.5
+            if is_early:  # it stands by until they are joined
+                active.start()
+            self.use(2.0)
+            self._stop(alone)
+            self.keys.alone[-1].until = time.monotonic()
+            self._by_eve("join", alone)
+            self._alone.append((alone.name, decided_at, datetime.now(UTC)))
+            alone.start()
+            if not is_early:
+                active.start()
+
+        return Happening(undo)
+
+    def _serves(self, name: str) -> bool:
+        return _is_healthy(self.members.urls[self.members.names.index(name)])
+
+    def _stop(self, machine: Machine) -> None:
+        """End a manager in good order."""
+        machine.tell(signal.SIGTERM)
+        assert machine.program is not None
+        machine.program.ended()
+        machine.end()
+
+    def _by_eve(self, command: str, machine: Machine, *more: str) -> None:
+        done = call("cluster", command, machine.site, "--by", "Eve", "--machine", machine.name, *more)
+        assert done.returncode == 0, f"{command} on {machine.name}: {done.stdout}{done.stderr}"
+
     def _unplug(self, active: Machine) -> Happening:
         """It runs on, and reaches nobody."""
         self._namespaces.unplug(active.name)
@@ -415,18 +478,20 @@ class Pair:
     def _judge_takeover(self, epoch: int, passages: int, *, expects_session: bool, is_busy: bool) -> None:
         """The session goes on; and if nothing was requested since the fault, nothing may be pressed."""
         newest = self.keys.newest
-        machine = self.machines.get(newest.owner)
-        if machine is None or newest.epoch == epoch:
+        alone = next((one for one in self.keys.alone if one.until == math.inf), None)
+        owner = newest.owner if alone is None else alone.machine
+        machine = self.machines.get(owner)
+        if machine is None or (alone is None and newest.epoch == epoch):
             return
         threading.Event().wait(QUIET_S)
-        taken_at = self.keys.since(newest.epoch)
+        taken_at = self.keys.since(newest.epoch) if alone is None else alone.since
         connected = [
             one.at for one in self.cables.passages[passages:] if one.machine == machine.name and one.at >= taken_at
         ]
         for write in () if is_busy or not connected else self.lift.writes:
             if write.on and write.at_s > connected[0]:
                 self._find(f"the takeover by {machine.name} pressed {write.command} {write.floor or ''}", write.at_s)
-        if expects_session and self.keys.newest.owner == machine.name:
+        if expects_session and (alone is not None or self.keys.newest.owner == machine.name):
             self.client.judge(machine)
             self.tally.kept += 1
 
@@ -444,11 +509,11 @@ class Pair:
         self.tally.writes += sum(passage.is_write for passage in passages)
         self.tally.states += len(answers)
         self.tally.invitations += sum(answer.is_open for answer in answers)
-        self.tally.epochs += self.keys.newest.epoch
+        self.tally.epochs += self.keys.epochs
         self.tally.presses += sum(write.on for write in self.lift.writes)
 
     def judge_journals(self) -> None:
-        """Both journals verify, and hold the same rows, once both machines have ended in good order."""
+        """Both journals verify, and hold the same rows but those of a machine that was alone, once both machines have ended in good order."""
         exports = []
         for machine in (self.other(eventually(lambda: self.active)), eventually(lambda: self.active)):
             assert machine.program is not None
@@ -461,14 +526,20 @@ class Pair:
                 self._find(f"the journal of {machine.name} does not verify: {verified.stdout}{verified.stderr}")
             rows = machine.folder / "rows.jsonl"
             call("audit", machine.site, "--last", "1000000", "--jsonl", rows)
-            exports.append(rows.read_text("utf-8").splitlines())
+            exports.append(list(self._of_both(machine, rows)))
             for error in machine.errors:
                 self._find(f"{machine.name} crashed: {error}")
-        shorter, longer = sorted(exports, key=len)
-        for number, (one, other) in enumerate(zip(shorter, longer, strict=False), 1):
-            if one != other:
-                self._find(f"the two journals differ from row {number} on: {one} and {other}")
-                break
+        if differing := first_difference(*exports):
+            self._find(f"the two journals differ: {differing}")
+
+    def _of_both(self, machine: Machine, file: Path) -> Iterator[Row]:
+        """Yield the rows of a journal that the other one has as well."""
+        for line in file.read_text("utf-8").splitlines():
+            row = json.loads(line)
+            at = datetime.fromisoformat(row["at"])
+            if not any(name == machine.name and since <= at <= until for name, since, until in self._alone):
+                # after the rows of one that was alone, its numbers are others, and so are its hashes
+                yield {**row, "seq": 0, "hash": ""} if self._alone else row
 
     def keep(self, folder: Path) -> None:
         """Keep what the managers logged and wrote down, to look for the cause of a finding."""
@@ -487,6 +558,12 @@ class Pair:
         )
         where = f"seed {self._seed}, fault {number} ({what}), {finding.at - began:+.2f} s"
         self.tally.findings.append(f"{where}: {finding.text}")
+
+
+def decided_epoch(site: Path) -> int:
+    """Return the epoch with which a machine goes on alone, as its disk has it."""
+    (file,) = (site.parent / "state").rglob("*.solo")
+    return int(json.loads(file.read_text("utf-8"))["epoch"])
 
 
 def _nothing() -> None:

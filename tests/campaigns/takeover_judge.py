@@ -3,9 +3,12 @@
 All times are those of `time.monotonic` in the process that watched.
 """
 
+import math
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from lift_manager.cluster.term import Key
 
@@ -13,6 +16,10 @@ TERM_S = 2.0
 """As docs/explanation/cluster.md promises. Not the manager's constant: a manager with a longer term would be judged by it."""
 LAG_S = 0.5
 """How much later observers may see a key than its owner acts on it, on a busy computer."""
+
+
+Row = Mapping[str, Any]
+"""Of a journal, as it is exported."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +57,24 @@ class Finding:
     text: str
 
 
+@dataclass
+class Alone:
+    """A time in which one machine goes on alone, because a person has decided so; it ends when its manager has ended."""
+
+    machine: str
+    since: float
+    epoch: int
+    until: float = math.inf
+
+
 class Keys:
     """What the key was, and when; added in the order of its revisions."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
         self._keys: list[Key] = []
+        self.alone: list[Alone] = []
+        """In their order; the key counts for nobody meanwhile."""
 
     def add(self, at: float, key: Key) -> None:
         """Add a key that was seen; one that is not newer than the last is ignored."""
@@ -68,12 +87,19 @@ class Keys:
         """The newest key; epoch 0 of nobody before any."""
         return self._keys[-1] if self._keys else Key(0)
 
+    @property
+    def epochs(self) -> int:
+        """How many there were."""
+        return len({key.epoch for key in self._keys if key.owner})
+
     def since(self, epoch: int) -> float:
         """Return when this epoch was seen first; it must have been."""
         return next(at for at, key in zip(self._times, self._keys, strict=True) if key.epoch == epoch)
 
     def wrong(self, machine: str, at: float) -> str:
         """Return why a machine must not act at a moment; empty if it may."""
+        if (alone := self._alone_at(at)) is not None:
+            return "" if machine == alone.machine else f"{at - alone.since:.2f} s after {alone.machine} went on alone"
         known = bisect_right(self._times, at)
         if any(key.owner == machine for key in self._keys[known : bisect_right(self._times, at + LAG_S)]):
             return ""
@@ -88,8 +114,13 @@ class Keys:
 
     def epoch_of(self, machine: str, at: float) -> int:
         """Return the newest epoch in which a machine may have acted at a moment; 0 if it was never active."""
+        if (alone := self._alone_at(at)) is not None and alone.machine == machine:
+            return alone.epoch
         known = bisect_right(self._times, at + LAG_S)
         return next((key.epoch for key in reversed(self._keys[:known]) if key.owner == machine), 0)
+
+    def _alone_at(self, at: float) -> Alone | None:
+        return next((one for one in self.alone if one.since <= at <= one.until), None)
 
 
 def judge_passages(keys: Keys, passages: Iterable[Passage]) -> Iterator[Finding]:
@@ -130,3 +161,22 @@ def percentile(values: Sequence[float], share: float) -> float:
     """Return the smallest value that `share` of all values do not exceed; there must be one."""
     ordered = sorted(values)
     return ordered[max(0, -int(-share * len(ordered) // 1) - 1)]
+
+
+def first_difference(one: Iterable[Row], other: Iterable[Row]) -> str:
+    """Return where two journals differ; empty if they do not. One of them may end sooner, and may lack rows where it says so."""
+    first, second = deque(one), deque(other)
+    while first and second:
+        if first[0] == second[0]:
+            first.popleft()
+            second.popleft()
+            continue
+        lacking, having = (first, second) if first[0]["kind"] == "gap" else (second, first)
+        if lacking[0]["kind"] != "gap":
+            return f"{first[0]} and {second[0]}"
+        lacking.popleft()
+        while having and lacking and having[0] != lacking[0]:
+            having.popleft()
+        if lacking and not having:
+            return f"{lacking[0]} is in one of them alone"
+    return ""

@@ -1,14 +1,18 @@
 """The judge of the takeover campaign finds each violation in a log that has one, and nothing in a log without."""
 
+from dataclasses import replace
+
 import pytest
 
 from lift_manager.cluster.term import Key
 from tests.campaigns.takeover_judge import (
     LAG_S,
     TERM_S,
+    Alone,
     Answer,
     Keys,
     Passage,
+    first_difference,
     judge_answers,
     judge_order,
     judge_passages,
@@ -119,3 +123,30 @@ def test_a_percentile_is_one_of_the_values() -> None:
     assert percentile([1.0, 2.0, 3.0, 4.0], 0.5) == 2.0
     assert percentile(list(map(float, range(1, 101))), 0.99) == 99.0
     assert percentile(list(map(float, range(1, 11))), 0.99) == 10.0
+
+
+def test_while_a_machine_goes_on_alone_it_may_act_without_the_key_and_no_other_may() -> None:
+    keys = takeover()
+    keys.alone.append(Alone("north", since=40.0, until=50.0, epoch=1_000_002))
+    own = [connection(40.1, "north"), Passage(41.0, "north", is_write=True, claimed=1_000_002)]
+    assert list(judge_passages(keys, own)) == []
+    assert list(judge_order(keys, own)) == []
+    late, other, under_old_epoch = write(50.1, "north"), write(42.0, "south"), replace(own[1], claimed=2)
+    assert [finding.text for finding in judge_passages(keys, [late, other])] == [
+        "north wrote 27.60 s after the key said epoch 2 of south",
+        "south wrote 2.00 s after north went on alone",
+    ]
+    assert [finding.text for finding in judge_order(keys, [own[1], other, under_old_epoch])] == [
+        "south wrote in epoch 2, and north had written in epoch 1000002 already",
+        "north wrote for epoch 2, and it was active in epoch 1000002",
+    ]
+
+
+def test_two_journals_have_the_same_rows_but_for_an_end_and_for_what_one_says_it_lacks() -> None:
+    rows = [{"kind": "press", "text": text} for text in "abcde"]
+    gap = {"kind": "gap", "text": "rows of up to 2 commits are only in the journal of the other machine"}
+    assert first_difference(rows, rows[:3]) == ""
+    assert first_difference([*rows[:2], gap, rows[4]], rows) == ""
+    assert first_difference(rows, [*rows[:2], gap]) == ""
+    assert "'b'" in first_difference([rows[0], *rows[2:]], rows)
+    assert "in one of them alone" in first_difference(rows, [rows[0], gap, {"kind": "press", "text": "x"}])
