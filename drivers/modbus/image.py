@@ -23,6 +23,8 @@ class Image:
         """What each write carries where the controller decides whom it obeys."""
         self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
         """All our cells with nothing pressed."""
+        self._others: dict[Block | str, tuple[str, ...]] = {}
+        """What `others_in_cells` has found, which the map alone decides."""
         codecs = [output.codec for output in outputs.values()] + [beat.codec for beat in beats.values()]
         for codec in codecs:
             put_values(self._resting, codec.encode(None))
@@ -47,6 +49,12 @@ class Image:
 
     def others_in_cells(self, step: Step) -> tuple[str, ...]:
         """Return the other outputs in the cells of a step, on or not."""
+        key = step.block or step.name
+        if (known := self._others.get(key)) is None:
+            known = self._others[key] = self._find_others(step)
+        return known
+
+    def _find_others(self, step: Step) -> tuple[str, ...]:
         if self._codec(step).is_shared:
             return ()
         cells = set(self.covered_cells(step))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from contextlib import suppress
+from functools import partial
 
 from drivers.errors import BUSY, ControllerException, Delivery, DriverError, PressRefused
 from drivers.flag import Flag
@@ -19,6 +19,7 @@ from drivers.modbus.steps import CHANGING_KINDS, Phase, Step, StepKind
 from drivers.modbus.transactions import Permit
 from drivers.modbus.writer import Writer
 from drivers.model import Result
+from register_maps.frames import Request
 
 _log = logging.getLogger(__name__)
 
@@ -136,17 +137,15 @@ class OutputWorker:
         starts_press = step.kind in (StepKind.PRESS, StepKind.RESET)
         press = self._presses.get(step.name) if starts_press else None
         permit = self._permissions.permit_for(step, press)
-        maybe_sent = False
+        answered: list[Request] = []
+        on_answer = partial(_note_answer, answered, press if step.kind is StepKind.PRESS else None)
         cells = self._outputs.covered_cells(step) if step.kind in CHANGING_KINDS else ()
         self._foreign_writes.count_write(cells)
         try:
             looked = await self._look_first(step, permit)
             if looked is False:
                 return
-            async for request in self._writer.write(step, self._outputs.cells(step), permit):
-                maybe_sent = True
-                if press is not None and step.kind is StepKind.PRESS:
-                    press.add_frame(request)
+            await self._writer.write(step, self._outputs.cells(step), permit, on_answer)
             self._outputs.record_write(step, loop.time())
             self._reports.report_states()
             self._logged.pop(step.name, None)
@@ -156,13 +155,13 @@ class OutputWorker:
                 await self._look_back(step, press)
         except PressRefused as refused:
             # a hold that may not be refreshed stays on until it is released or expires
-            self._outputs.record_failure(step, maybe_sent=maybe_sent, now=loop.time())
+            self._outputs.record_failure(step, maybe_sent=bool(answered), now=loop.time())
             if press is not None:
-                result = Result.UNCONFIRMED if maybe_sent else Result.REJECTED
+                result = Result.UNCONFIRMED if answered else Result.REJECTED
                 self._presses.finish(press, result, refused.reason)
         except DriverError as error:
             rejected = isinstance(error, ControllerException) and error.code != BUSY
-            sent = maybe_sent or not (error.sent is Delivery.NO or _was_not_executed(error))
+            sent = bool(answered) or not (error.sent is Delivery.NO or _was_not_executed(error))
             arrived = isinstance(error, ControllerException)
             self._outputs.record_failure(step, maybe_sent=sent, now=loop.time(), rejected=rejected, arrived=arrived)
             if press is not None and press.expected is None:
@@ -217,11 +216,20 @@ class OutputWorker:
         _log.log(logging.WARNING if is_warning else logging.DEBUG, message, self._lift, step.kind, what, error)
 
 
+def _note_answer(answered: list[Request], press: Press | None, request: Request) -> None:
+    answered.append(request)
+    if press is not None:
+        press.add_frame(request)
+
+
 async def _sleep_until(when: float, wake: Flag) -> None:
     wake.clear()
-    with suppress(TimeoutError):
-        async with asyncio.timeout_at(None if math.isinf(when) else when):
-            await wake.wait()
+    timer = None if math.isinf(when) else asyncio.get_running_loop().call_at(when, wake.set)
+    try:
+        await wake.wait()
+    finally:
+        if timer is not None:
+            timer.cancel()
 
 
 def _was_not_executed(error: DriverError) -> bool:

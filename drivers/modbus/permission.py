@@ -89,7 +89,7 @@ class Permissions:
             self._drop_refused(step)
             return None
 
-        if self._refusal(step.name) is None:
+        if self._outputs.neighbours(step) and self._refusal(step.name) is None:
             self._drop_refused(step)
 
         def allowed() -> str | None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 from drivers.driver import DriverOwner, NoOwner, Report
 from drivers.modbus.confirm import Expectation, confirmation_of, find_proof
+from drivers.modbus.output import Output
 from drivers.modbus.outputs import Outputs
 from drivers.modbus.steps import Phase
 from drivers.model import (
@@ -62,14 +64,15 @@ class DriverReports:
 
     def command(self, name: str) -> Command:
         """Return the command that an output carries out."""
-        output = self._outputs.output(name)
-        kind, _, side = name.partition(".")
-        floor = self._floors.get(output.code) if output.codec.is_call and output.code is not None else None
-        return Command(CommandKind(kind), floor, Side(side) if side else None)
+        return self._command_of(name, self._outputs.output(name))
 
     def confirmation(self, name: str) -> Confirm:
         """Return what shows that this command took effect."""
         return confirmation_of(self._outputs.output(name).spec)
+
+    def _command_of(self, name: str, output: Output) -> Command:
+        floor = self._floors.get(output.code) if output.codec.is_call and output.code is not None else None
+        return _command(name, floor)
 
     def _state(self, name: str) -> OutputState:
         output = self._outputs.output(name)
@@ -83,17 +86,23 @@ class DriverReports:
             case Phase.ON if output.is_lost:
                 return OutputState.LOST
             case _:
-                return OutputState.HELD if self._is_held(name) else OutputState.ON
+                return OutputState.HELD if self._is_held(name, output) else OutputState.ON
 
-    def _is_held(self, name: str) -> bool:
+    def _is_held(self, name: str, output: Output) -> bool:
         """Whether an output is on and verified, by read-back or, where the map asks for it, by its effect."""
-        output = self._outputs.output(name)
         if self.values is None or not output.is_held:
             return False
         if output.codec.is_call:
             return output.verified  # where the car goes does not show what is still on
-        any_of = self.confirmation(name).any_of
+        any_of = confirmation_of(output.spec).any_of
         if "readback" in any_of and not output.verified:
             return False  # a door that is open for another reason does not prove the hold
-        expected = Expectation(self.command(name), any_of, None, ())
+        expected = Expectation(self._command_of(name, output), any_of, None, ())
         return find_proof(expected, self.values, read_back=output.verified) is not Proof.NONE
+
+
+@lru_cache(1024)
+def _command(name: str, floor: FloorName | None) -> Command:
+    """Return the command of this name: the same one for every look at its output."""
+    kind, _, side = name.partition(".")
+    return Command(CommandKind(kind), floor, Side(side) if side else None)

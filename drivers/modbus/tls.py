@@ -16,8 +16,6 @@ from drivers.thread import in_thread
 _log = logging.getLogger(__name__)
 _SHOWN_ON = "%s; the last certificate and key that could be used are shown on"
 
-FILES_WITHIN_S = 1.0
-"""Chosen: files are read in milliseconds; a slower disk may never answer, and a link tries again every second."""
 
 NO_TLS = "what answers on this port speaks no TLS; a controller without Modbus/TCP Security needs no `tls` (its port is 502 as a rule)"
 _ENDED_HANDSHAKE = "the controller ended the connection in the middle of the TLS handshake; it may speak no TLS on this port, or refuse our certificate"
@@ -102,6 +100,9 @@ class LinkTls:
     """The name or address that the controller's certificate must be for; by default that of the host."""
     handshake_s: float = 5.0
     """Longest duration of the handshake, after the TCP connection. Chosen: its arithmetic takes a small controller a second or two."""
+    files_s: float = 1.0
+    """Longest time for reading the files. Chosen: a disk needs milliseconds; a slower one may never answer, and a link tries again
+    every second."""
     latest: LatestContext = field(default_factory=LatestContext, init=False, repr=False, compare=False)
 
 
@@ -113,7 +114,7 @@ async def client_context(tls: LinkTls, peer: str) -> ClientContext:
     latest = tls.latest
     if latest.pending_read is None or latest.pending_read.done():
         latest.pending_read = asyncio.ensure_future(in_thread(partial(_refresh_context, tls, peer)))
-    await asyncio.wait([latest.pending_read], timeout=FILES_WITHIN_S)
+    await asyncio.wait([latest.pending_read], timeout=tls.files_s)
     if not latest.pending_read.done():
         _report_hanging_disk(tls, peer)
     elif (busy := latest.pending_read.exception()) is not None:
@@ -223,7 +224,7 @@ def _load_context(tls: LinkTls, peer: str) -> ClientContext:
 
 
 def _report_hanging_disk(tls: LinkTls, peer: str) -> None:
-    what = f"{tls.ca}, {tls.certificate} or {tls.key} does not answer within {FILES_WITHIN_S:g} s; check the disk that it is on"
+    what = f"{tls.ca}, {tls.certificate} or {tls.key} does not answer within {tls.files_s:g} s; check the disk that it is on"
     fault = ConnectFailed(peer, ConnectProblem.TLS, what)
     if tls.latest.context is not None and str(tls.latest.fault) != str(fault):
         _log.warning(_SHOWN_ON, fault)

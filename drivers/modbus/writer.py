@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.capabilities import LiftSettings
@@ -76,8 +76,10 @@ class Writer:
             [request for _, request in step_requests(self._commands[step.name], step, cells, self._units.unit)]
         )
 
-    async def write(self, step: Step, cells: Cells, permit: Permit | None) -> AsyncIterator[Request]:
-        """Send every request of a step, and yield each once it is answered. Raises DriverError.
+    async def write(
+        self, step: Step, cells: Cells, permit: Permit | None, on_answer: Callable[[Request], None]
+    ) -> None:
+        """Send every request of a step; `on_answer` gets each once it is answered. Raises DriverError.
 
         At the end, failed or not, what reached the wire or may have is reported.
         """
@@ -86,8 +88,7 @@ class Writer:
         sent: list[Request] = []
         failure = CUT_SHORT
         try:
-            async for request in self._write(step, cells, permit, sent):
-                yield request
+            await self._write(step, cells, permit, sent, on_answer)
             failure = ""
         except DriverError as error:
             failure = str(error)
@@ -97,17 +98,22 @@ class Writer:
             self._reports.report_write(step, blocks, cells, sent, failure)
 
     async def _write(
-        self, step: Step, cells: Cells, permit: Permit | None, sent: list[Request]
-    ) -> AsyncIterator[Request]:
+        self,
+        step: Step,
+        cells: Cells,
+        permit: Permit | None,
+        sent: list[Request],
+        on_answer: Callable[[Request], None],
+    ) -> None:
         if step.block is not None:
             request = block_write(step.block, self._functions[step.block], cells, self._unit(step.block))
-            yield await self._send(request, step.block, permit, sent)
+            on_answer(await self._send(request, step.block, permit, sent))
             return
         command = self._commands[step.name]
         failure: DriverError | None = None
         for block, function in blocks_in_order(command, step, cells):
             try:
-                yield await self._write_block(command, step, block, function, cells, permit, sent)
+                on_answer(await self._write_block(command, step, block, function, cells, permit, sent))
             except DriverError as error:
                 # a press on one device is released whatever another device answers
                 if step.kind is not StepKind.RELEASE:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 
 from drivers.modbus.steps import Step
 from register_maps import frames
@@ -48,16 +49,21 @@ def block_request(
 
 def block_write(block: Block, function: int, cells: Mapping[Cell, int], unit: int) -> Request:
     """Return the write of a block with the values of `cells`. `function` is 5, 6, 15 or 16."""
-    values = [cells[cell] for cell in block.cells]
+    return _write(function, block.start, tuple(cells[cell] for cell in block.cells), unit)
+
+
+@lru_cache(1024)
+def _write(function: int, start: int, values: tuple[int, ...], unit: int) -> Request:
+    """Return a write. A press is planned for its row before it is sent, and most writes are like an earlier one."""
     match function:
         case 5:
-            return frames.write_coil(block.start, bool(values[0]), unit)
+            return frames.write_coil(start, bool(values[0]), unit)
         case 6:
-            return frames.write_register(block.start, values[0], unit)
+            return frames.write_register(start, values[0], unit)
         case 15:
-            return frames.write_coils(block.start, [bool(value) for value in values], unit)
+            return frames.write_coils(start, [bool(value) for value in values], unit)
         case _:
-            return frames.write_registers(block.start, values, unit)
+            return frames.write_registers(start, values, unit)
 
 
 def masked_write(values: Mapping[Point, int], block: Block, unit: int) -> Request:

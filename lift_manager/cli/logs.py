@@ -15,6 +15,9 @@ from lift_manager.api.keys import redacted
 
 VARIABLE = "LIFT_MANAGER_LOG_FORMAT"
 
+_NOISE = "returning true from eof_received()"
+"""What asyncio warns of whenever a server ends a TLS connection of nats-py (2.16), which has a line of its own and needs nothing more."""
+
 
 @unique
 class LogFormat(StrEnum):
@@ -34,6 +37,7 @@ def log_to(stream: TextIO, form: LogFormat) -> logging.Handler:
     """Log everything of this process, including its libraries, to a stream; return the handler."""
     handler = logging.StreamHandler(stream)
     handler.setFormatter(_FORMATTERS[form]())
+    handler.addFilter(lambda record: record.name != "asyncio" or not record.getMessage().startswith(_NOISE))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     logging.getLogger("pymodbus").setLevel(logging.ERROR)
     logging.getLogger("httpx").setLevel(logging.WARNING)  # it logs every request, several a second in a cluster

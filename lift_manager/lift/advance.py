@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from lift_manager.lift import call_output, doors, handshake, history, robot_mode_output
 from lift_manager.lift.call import Call, CallPhase, flags_missing, may_press_call, postpone
 from lift_manager.lift.config import ROBOT_MODE
@@ -56,7 +54,7 @@ def _rest(draft: Draft) -> None:
     handshake.give_words(draft, None)
     robot_mode_output.settle(draft)
     if draft.session is not None:
-        draft.change(session=replace(draft.session, lease_from=draft.now))
+        draft.change(session=draft.session.having(lease_from=draft.now))
     if (call := draft.record.call) is not None:
         draft.change(call=postpone(call, draft.now))
 
@@ -125,7 +123,7 @@ def _await_grant(draft: Draft, session: Session, call: Call, what: str) -> Sessi
     draft.change(waiting_for=f"{what}, which the lift has not granted yet")
     if draft.now - call.since > within_s:
         return EndReason.NOT_GRANTED, f"{what} was not granted within {within_s:g} s"
-    return replace(session, lease_from=draft.now)
+    return session.having(lease_from=draft.now)
 
 
 def _await_word(draft: Draft, session: Session, observation: Observation) -> Session:

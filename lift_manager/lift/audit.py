@@ -313,17 +313,17 @@ class RequestRows:
     def having(self, holder: Holder, caller: CallerRows) -> RequestRows:
         """Return this with one caller as it is now, the newest."""
         others = {other: one for other, one in self.callers.items() if other != holder}
-        return replace(self, callers={**others, holder: caller})
+        return RequestRows(self.lift, {**others, holder: caller})
 
     def _having_room(self, holder: Holder, now: float) -> tuple[RequestRows, CallerRows, tuple[Row, ...]]:
         """Return a caller, and the row of the one that is forgotten to make room."""
         caller = self.callers.get(holder, CallerRows())
         callers = {**self.callers, holder: caller}
         if len(callers) <= CALLERS:
-            return replace(self, callers=callers), caller, ()
+            return RequestRows(self.lift, callers), caller, ()
         oldest = next(iter(callers))
         reported = _counted(self.lift, oldest, callers.pop(oldest), now)
-        return replace(self, callers=callers), caller, reported
+        return RequestRows(self.lift, callers), caller, reported
 
 
 def _counted(lift: str, holder: Holder, caller: CallerRows, now: float) -> tuple[Row, ...]:

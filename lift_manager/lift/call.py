@@ -5,9 +5,9 @@ A caller that only ever repeats itself must neither press twice for one call nor
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum, unique
+from functools import lru_cache
 
 from drivers.model import Capabilities, Command, CommandKind, FloorName, Outcome, PressId, Result
 from lift_manager.lift.config import LiftConfig
@@ -301,7 +301,8 @@ def call_command(config: LiftConfig, floor: FloorName, *, aboard: bool) -> Comma
     return next((call for call in calls if config.has(call)), None)
 
 
-def calls_in_order(floor: FloorName, doors: Collection[Side], *, aboard: bool) -> tuple[Command, ...]:
+@lru_cache(1024)  # each request and each reading of a session has the same few
+def calls_in_order(floor: FloorName, doors: tuple[Side, ...], *, aboard: bool) -> tuple[Command, ...]:
     """Return the calls that bring the car to a floor with these doors; the first one that the map has is pressed."""
     sides = (Command(CommandKind.GO_TO, floor, side) for side in Side if side in doors)
     plain = Command(CommandKind.GO if aboard else CommandKind.CALL, floor)

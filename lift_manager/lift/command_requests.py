@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from drivers.model import FloorName
 from lift_manager.lift import doors, handshake, history
@@ -39,7 +38,7 @@ def give_command(draft: Draft, request: GiveCommand) -> CommandStatus | Refused:
     session = live_session(draft, command.session, command.holder)
     if isinstance(session, Refused):
         return session
-    session = replace(session, contacted_at=draft.now)
+    session = session.having(contacted_at=draft.now)
     draft.change(session=session)
     history.judge_commands(draft)
     is_given = command.kind is CommandType.RELEASE_DOOR and _door_is_given(draft, session)
@@ -139,7 +138,7 @@ def _request_floor(
 
 
 def _release_door(draft: Draft, session: Session, kind: CommandType) -> None:
-    after = replace(renew(session, draft.now), hold_door=False, holding_since=None)
+    after = renew(session, draft.now).having(hold_door=False, holding_since=None)
     history.replace_commands(draft, kind, after.floor, hold_door=after.hold_door)
     draft.change(session=after)
     doors.release_door_at_request(draft)

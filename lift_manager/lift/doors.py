@@ -133,7 +133,7 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
     if session.holding_since is None:
         # a hold from before the restart that never came to rest continues, as far as the controller knows
         since = draft.now if draft.record.door_on_since is None else draft.record.door_on_since
-        session = replace(session, holding_since=since)
+        session = session.having(holding_since=since)
     draft.change(session=session, used_by=session.number)
     call_output.renew_call(draft)
     _declare(draft, floor, may_begin=begin and session.may_begin and not observation.must_close)
@@ -147,7 +147,7 @@ def keep_found(draft: Draft, session: Session, call: Call, observation: Observat
     if not is_kept or departed:
         release_doors(draft)
         # once the car has left, a hold begins from the beginning
-        return replace(session, holding_since=None) if departed and session.holding_since is not None else session
+        return session.having(holding_since=None) if departed and session.holding_since is not None else session
     return hold_doors(draft, session, observation, call.floor, begin=False)
 
 
@@ -189,7 +189,7 @@ def spend_hold(draft: Draft, session: Session) -> Session:
     if session.hold_spent or draft.now < hold_ends_at(session, draft.config):
         return session
     draft.alarm(hold_spent_text(session.holder, draft.config.hold_limit), session.holder)
-    return replace(session, hold_spent=True, holding_since=None)
+    return session.having(hold_spent=True, holding_since=None)
 
 
 def release_doors(draft: Draft) -> None:
@@ -217,7 +217,7 @@ def _note_shut(draft: Draft, session: Session, observation: Observation, floor: 
         return session
     doors, here = observation.values.doors, draft.config.doors_at.get(floor, ())
     is_shut = has_departed(observation, floor) or (bool(here) and all(doors.get(side) is Door.CLOSED for side in here))
-    return replace(session, shut_at=draft.now) if is_shut and session.shut_at is None else session
+    return session.having(shut_at=draft.now) if is_shut and session.shut_at is None else session
 
 
 def _is_for_nobody(draft: Draft, session: Session, observation: Observation, floor: FloorName) -> bool:

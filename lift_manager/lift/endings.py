@@ -287,7 +287,7 @@ def announce_stop(draft: Draft, clear_s: float) -> None:
         # a person has ended it: the process does not live as long as its robot was given
         left_s = min(clear_s, session.end.at - draft.now) if crossed else 0.0
         end = replace(session.end, at=draft.now + left_s)
-        draft.change(session=replace(session, end=end))
+        draft.change(session=session.having(end=end))
     elif crossed and not session.is_ending:
         draft.change(session=announce_end(session, EndReason.STOPPING, STOPPING_TEXT, draft.now + clear_s))
 

@@ -229,7 +229,6 @@ News = (
     | ReadFailed
     | OutputChanged
     | PressEnded
-    | Committed
     | CommitFailed
     | JoinQueue
     | LeaveQueue
@@ -237,8 +236,8 @@ News = (
     | AnnounceStop
     | Stop
 )
-"""What the driver, the store, the rides and the runtime report; nobody waits for a reply."""
-Input = Request | OperatorAction | News
+"""What the driver, the store, the rides and the runtime report; nobody waits for a reply. `Committed` beside it decides nothing."""
+Input = Request | OperatorAction | News | Committed
 
 
 # -- what a step asks for

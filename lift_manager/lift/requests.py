@@ -8,7 +8,7 @@ is the `SessionPolicy`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from drivers.model import FloorName
 from drivers.rate_limits import CALLERS
@@ -135,7 +135,7 @@ def _admit(draft: Draft, request: LiftRequest, *, is_release: bool, needs_lift: 
         return unknown
     session = draft.session
     if session is not None and session.holder == request.holder:
-        draft.change(session=replace(session, contacted_at=now))
+        draft.change(session=session.having(contacted_at=now))
     elif session is not None and needs_lift and (refused := _contest(draft, request)) is not None:
         return refused
     session = draft.session
@@ -146,17 +146,15 @@ def _admit(draft: Draft, request: LiftRequest, *, is_release: bool, needs_lift: 
         return Accepted()
     if session is not None and _only_releases_door(request, session):
         doors.release_door_at_request(draft)
-        session = replace(session, holding_since=None)
+        session = session.having(holding_since=None)
     elif (refused := _why_not_admitted(draft, request, session)) is not None:
         return refused
     if session is None:
         new = _new_session(draft, request.holder, request.new_id, stays=request.stays)
-        return replace(new, floor=request.floor, hold_door=request.hold_door)
+        return new.having(floor=request.floor, hold_door=request.hold_door)
     after = set_target(session, request.floor, now, hold_door=request.hold_door)
     stays = after.policy.stays or request.stays
-    return (
-        after if stays == after.policy.stays else replace(after, policy=policy_for(config, after.holder, stays=stays))
-    )
+    return after if stays == after.policy.stays else after.having(policy=policy_for(config, after.holder, stays=stays))
 
 
 def _why_not_admitted(draft: Draft, request: LiftRequest, session: Session | None) -> Refused | None:
@@ -223,7 +221,7 @@ def _forgive_end(draft: Draft, request: LiftRequest, refused: Refused) -> None:
     others = (unknown_floor(config, request.floor), command_refusal(config, record, draft.moment, goes_on=True))
     if all(reason is None or reason.code in PASSING for reason in (refused, *others)):
         _leave_call(draft)
-        go_on_with(draft, replace(session, contacted_at=draft.now, end=None), is_requested=False)
+        go_on_with(draft, session.having(contacted_at=draft.now, end=None), is_requested=False)
 
 
 def _leave_call(draft: Draft) -> None:
@@ -254,7 +252,7 @@ def open_session(draft: Draft, request: OpenSession) -> SessionBegun | Refused:
     session = _new_session(draft, request.holder, request.new_id, stays=True)
     key_ttl_s = request.ttl_s if request.key else None
     lease_s = config.lease_for(request.ttl_s)
-    session = replace(session, lease_s=lease_s, key=request.key, key_ttl_s=key_ttl_s)
+    session = session.having(lease_s=lease_s, key=request.key, key_ttl_s=key_ttl_s)
     go_on_with(draft, session)
     take_turn(draft, request.holder)
     # what continues with it may have ended it by now
@@ -268,7 +266,7 @@ def renew_session(draft: Draft, request: RenewSession) -> SessionInfo | Refused:
     if isinstance(found, Refused):
         return found
     lease_s = found.lease_s if request.ttl_s is None else draft.config.lease_for(request.ttl_s)
-    go_on_with(draft, replace(renew(found, draft.now), lease_s=lease_s), is_requested=found.is_restored)
+    go_on_with(draft, renew(found, draft.now).having(lease_s=lease_s), is_requested=found.is_restored)
     return history.read_session(draft.config, draft.record, request.session, request.holder, draft.moment)
 
 
@@ -318,7 +316,7 @@ def _session_by_key(draft: Draft, request: OpenSession) -> SessionInfo | Refused
     if not request.key:
         return None
     if session is not None and (session.holder, session.key) == (request.holder, request.key):
-        session = replace(session, contacted_at=draft.now)
+        session = session.having(contacted_at=draft.now)
         draft.change(session=session)
         info = history.session_info(draft.config, draft.record, session, draft.moment)
         return history.key_reused(request, session.key_ttl_s) or info

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import fields
 from datetime import UTC, datetime, timedelta
 from operator import attrgetter
 from typing import Any
@@ -272,7 +272,7 @@ def _with_time_to_clear(session: Session, draft: Draft) -> Session:
     The robot may have been invited until the restart, by a renewal that was not saved.
     """
     missing_s = draft.now + session.policy.clear_s - lease_ends_at(session, draft.config)
-    return session if missing_s <= 0 else replace(session, lease_from=session.lease_from + missing_s)
+    return session if missing_s <= 0 else session.having(lease_from=session.lease_from + missing_s)
 
 
 def _restore_outputs(draft: Draft, session: Session, saved: SavedSession, floor: str) -> None:

@@ -12,6 +12,7 @@ from enum import StrEnum, unique
 
 from drivers.model import FloorName
 from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.value import Value
 from register_maps.words import Door, Side
 
 RMF = "rmf"
@@ -137,9 +138,9 @@ class SessionEnd:
     """A person or the manager ends it whatever its holder requests; otherwise its holder did, and may still change its mind."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Session:
-    """One caller's right to command one lift."""
+@dataclass(frozen=True, kw_only=True)
+class Session(Value):
+    """One caller's right to command one lift. One request copies it several times."""
 
     number: int
     holder: Holder
@@ -225,27 +226,27 @@ def renew(session: Session, now: float) -> Session:
     One from before a restart continues, and so does one that its holder ended. One whose end was announced is renewed in vain.
     """
     end = session.end if session.end_is_announced else None
-    return replace(session, lease_from=now, contacted_at=now, is_restored=False, end=end)
+    return session.having(lease_from=now, contacted_at=now, is_restored=False, end=end)
 
 
 def set_target(session: Session, floor: FloorName, now: float, *, hold_door: bool) -> Session:
     """Take its holder's request for a floor: another one, or the same again."""
-    after = replace(renew(session, now), hold_door=hold_door)
+    after = renew(session, now).having(hold_door=hold_door)
     if session.floor == floor:
         return after
-    return replace(after, floor=floor, opened_at_target=False, holding_since=None, hold_spent=False, shut_at=None)
+    return after.having(floor=floor, opened_at_target=False, holding_since=None, hold_spent=False, shut_at=None)
 
 
 def end_by_holder(session: Session, grace_s: float, now: float) -> Session:
     """End a session at its holder's request in this many seconds; of two requests the earlier end counts."""
     at = now + grace_s if session.end is None else min(session.end.at, now + grace_s)
     end = SessionEnd(EndReason.RELEASED, "released", at, is_announced=False)
-    return replace(session, contacted_at=now, end=end if not session.end_is_announced else _at(session.end, at))
+    return session.having(contacted_at=now, end=end if not session.end_is_announced else _at(session.end, at))
 
 
 def announce_end(session: Session, reason: EndReason, text: str, at: float) -> Session:
     """End a session at `at` whatever its holder requests; until then its door is held and invites nobody."""
-    return replace(session, end=SessionEnd(reason, text, at, is_announced=True))
+    return session.having(end=SessionEnd(reason, text, at, is_announced=True))
 
 
 def hand_session_over(session: Session, config: LiftConfig, to: Holder, session_id: str, now: float) -> Session:
@@ -254,7 +255,7 @@ def hand_session_over(session: Session, config: LiftConfig, to: Holder, session_
     It gets an id of its own, which the former holder does not know.
     """
     policy = policy_for(config, to, stays=session.policy.stays)
-    return replace(renew(session, now), holder=to, policy=policy, id=session_id, key="", key_ttl_s=None)
+    return renew(session, now).having(holder=to, policy=policy, id=session_id, key="", key_ttl_s=None)
 
 
 def door_opened_at_target(session: Session, now: float) -> Session:
@@ -264,7 +265,7 @@ def door_opened_at_target(session: Session, now: float) -> Session:
     """
     if session.opened_at_target or session.is_ending:
         return session
-    return replace(session, opened_at_target=True, lease_from=max(session.lease_from, now))
+    return session.having(opened_at_target=True, lease_from=max(session.lease_from, now))
 
 
 def may_hold_again(session: Session, config: LiftConfig, now: float) -> bool:
@@ -276,7 +277,7 @@ def hold_again(session: Session, config: LiftConfig, now: float) -> Session:
     """Let a spent hold begin again at its holder's request, once it may."""
     if not may_hold_again(session, config, now):
         return session
-    return replace(session, hold_spent=False, holding_since=None, opened_at_target=False, shut_at=None)
+    return session.having(hold_spent=False, holding_since=None, opened_at_target=False, shut_at=None)
 
 
 def _at(end: SessionEnd | None, at: float) -> SessionEnd | None:

@@ -35,6 +35,7 @@ from lift_manager.lift.inputs import (
     LiftRequest,
     News,
     OpenSession,
+    OperatorAction,
     OutputChanged,
     Outputs,
     PressEnded,
@@ -96,6 +97,8 @@ def start(config: LiftConfig, durable: DurableRecord, moment: Moment) -> Step:
 
 def step(config: LiftConfig, record: LiftRecord, happened: Input, moment: Moment) -> Step:
     """Return what one input changes. For a `Reading`, `moment.read_at` is that of the reading before it."""
+    if isinstance(happened, Committed):
+        return _note_commit(config, record, happened, moment)
     draft = Draft(config, record, moment)
     reply = _take(draft, happened)
     if isinstance(reply, Refused):
@@ -132,7 +135,13 @@ def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, momen
     return _note_door_held(config, record.having(outputs=outputs, robot_mode=mode), moment)
 
 
-def _take(draft: Draft, happened: Input) -> Reply | None:
+def _note_commit(config: LiftConfig, record: LiftRecord, commit: Committed, moment: Moment) -> Step:
+    """Take the answer of the store. Nothing follows from it but that what waited for it may leave, which is in a hurry."""
+    after = record.having(committed=max(record.committed, commit.sequence), disk_trouble="")
+    return Step(after, wake_at=next_change(config, after, moment))
+
+
+def _take(draft: Draft, happened: Request | OperatorAction | News) -> Reply | None:
     """Take one input; return the reply to whoever made it."""
     match happened:
         case (
@@ -174,8 +183,6 @@ def _take_request(draft: Draft, request: Request) -> Reply:
 def _take_news(draft: Draft, happened: News) -> None:
     """Take what the driver, the store, the rides and the runtime report."""
     match happened:
-        case Committed(sequence):
-            draft.change(committed=max(draft.record.committed, sequence), disk_trouble="")
         case JoinQueue(holder):
             draft.change(queue=queue.join(draft.record.queue, holder, draft.now))
         case LeaveQueue(holder):

@@ -112,18 +112,22 @@ class Holds:
         self._unwritten.discard(name)
 
     def shown(self, pressed: Collection[str]) -> Outputs:
-        """Return the state of every output as the rules know it: what waits for the disk is requested.
+        """Return the state of every output as the rules know it: what waits for the disk is requested."""
+        return {
+            name: self.shown_of(name, pressed) for name in {**self.states, **self._waiting, **dict.fromkeys(pressed)}
+        }
+
+    def shown_of(self, name: str, pressed: Collection[str]) -> OutputState:
+        """Return the same for one output.
 
         A hold that a restart found on stays what it is, although it waits to be written down for its holder.
         """
-        kept = {command.name for command in self.declared if self._state(command.name) in _ON}
-        waiting = dict.fromkeys((*pressed, *(self._waiting.keys() - kept)), OutputState.REQUESTED)
-        lost = {
-            name: OutputState.REQUESTED
-            for name, state in self.states.items()
-            if state is OutputState.LOST and self._begins(name)
-        }
-        return {**self.states, **lost, **waiting}
+        state = self._state(name)
+        if name in pressed or (state is OutputState.LOST and self._begins(name)):
+            return OutputState.REQUESTED
+        if name in self._waiting and not (state in _ON and any(name == command.name for command in self.declared)):
+            return OutputState.REQUESTED
+        return state
 
     def _begins(self, name: str) -> bool:
         return name in self._requested and self._requested[name].begin

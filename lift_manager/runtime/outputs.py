@@ -92,10 +92,11 @@ class LiftOutputs:
 
     def changed(self, name: str, state: OutputState) -> None:
         """Record the state of an output, and pass it on as an input if it differs for the rules."""
-        before = self.shown
+        pressed = self._waiting_names
+        before = self._holds.shown_of(name, pressed)
         self._holds.states[name] = state
-        if (after := self.shown) != before:
-            self._inbox.put(OutputChanged(after))
+        if self._holds.shown_of(name, pressed) is not before:
+            self._inbox.put(OutputChanged(self.shown))
 
     def written(self, name: str) -> None:
         """Record that an output was switched on."""

@@ -37,7 +37,7 @@ from lift_manager.store.place import store_path
 from lift_manager.web.access_page import COLUMNS
 from tests.lift_manager.test_operate import Controller
 from tests.lift_manager.web.test_access_table import cells
-from tests.support.programs import Program, Started, free_port
+from tests.support.programs import HANGS_S, Program, Started, free_port
 
 NAMED, OTHER = "east", "west"
 CONFORMS = (
@@ -172,7 +172,7 @@ def campaign(*, seconds: float, first_seed: int, examples: int) -> Found:
         # the callers share its connections, and a login of one must not become that of the others
         session.cookies.set_policy(DefaultCookiePolicy(allowed_domains=[]))
         session.trust_env = False
-        document = httpx.get(f"{callers[0].url}/openapi.json", trust_env=False).json()
+        document = httpx.get(f"{callers[0].url}/openapi.json", trust_env=False, timeout=HANGS_S).json()
         asking = Asking(found, callers, session)
         ends_at, number = time.monotonic() + seconds, first_seed
         ways = list(asking.ways(document))

@@ -9,6 +9,7 @@ import uvloop
 from drivers.modbus.tls import LinkTls
 from tests.drivers.secured import Run, run_quietly
 from tests.support.certificates import Authority
+from tests.support.programs import HANGS_S
 
 
 @pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
@@ -24,4 +25,4 @@ def authority(tmp_path: Path) -> Authority:
 @pytest.fixture
 def tls(authority: Authority) -> LinkTls:
     ours = authority.issue("manager", "lift-manager")
-    return LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key)
+    return LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key, handshake_s=HANGS_S, files_s=HANGS_S)

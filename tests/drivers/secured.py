@@ -17,18 +17,18 @@ from drivers.modbus.wire import PymodbusWire
 from register_maps import frames
 from register_maps.words import Table
 from tests.support.certificates import Shown
+from tests.support.programs import HANGS_S
 
 Test = Callable[[], Coroutine[object, object, None]]
 Run = Callable[[Test], None]
 READ = frames.read(Table.HOLDING, 0, 1)
 ASK = frames.frame(READ, 7)
 ANSWER = frames.answer(READ, 7, b"\x00\x07")
-LIMIT_S = 10.0
 
 
 def run_quietly(test: Test, loop: Callable[[], asyncio.AbstractEventLoop], caplog: pytest.LogCaptureFixture) -> None:
     async def limited() -> None:
-        async with asyncio.timeout(LIMIT_S):
+        async with asyncio.timeout(HANGS_S):
             await test()
 
     with asyncio.Runner(loop_factory=loop) as runner:
@@ -80,7 +80,7 @@ class Near:
 
 async def opened(wire: PymodbusWire) -> Near:
     near = Near()
-    await wire.open(near.frames.put_nowait, near.lost.put_nowait, timeout_s=1.0)
+    await wire.open(near.frames.put_nowait, near.lost.put_nowait, timeout_s=HANGS_S)
     return near
 
 

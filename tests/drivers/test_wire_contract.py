@@ -18,9 +18,9 @@ from drivers.modbus.wire import PymodbusWire, Wire
 from register_maps import frames
 from register_maps.words import Table
 from tests.support.certificates import Authority
+from tests.support.programs import HANGS_S
 from tests.support.virtual_time import run_virtual
 
-LIMIT_S = 5.0
 READ = frames.read(Table.HOLDING, 0, 2)
 ASK = frames.frame(READ, 7)
 ANSWER = frames.answer(READ, 7, b"\x00\x01\x00\x02")
@@ -47,7 +47,7 @@ class NearEnd:
         self.lost: asyncio.Queue[str] = asyncio.Queue()
 
     async def open(self, wire: Wire) -> None:
-        await wire.open(self.frames.put_nowait, self.lost.put_nowait, timeout_s=1.0)
+        await wire.open(self.frames.put_nowait, self.lost.put_nowait, timeout_s=HANGS_S)
 
 
 class InMemory:
@@ -131,7 +131,7 @@ async def on_loopback(contract: Contract, tls: BothSides | None) -> None:
     far = OnLoopback(host, port, near_tls)
     far.server = await asyncio.get_running_loop().create_server(lambda: far, sock=listener, ssl=far_tls)
     try:
-        async with asyncio.timeout(LIMIT_S):
+        async with asyncio.timeout(HANGS_S):
             await contract(far, NearEnd())
     finally:
         far.server.close()
@@ -162,7 +162,8 @@ def both_sides(tmp_path_factory: pytest.TempPathFactory) -> BothSides:
     far.load_cert_chain(theirs.certificate, theirs.key)
     far.load_verify_locations(authority.file)
     far.verify_mode = ssl.CERT_REQUIRED
-    return BothSides(LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key), far)
+    near = LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key, handshake_s=HANGS_S, files_s=HANGS_S)
+    return BothSides(near, far)
 
 
 @pytest.fixture(params=[in_memory, on_asyncio, on_uvloop, on_asyncio_with_tls, on_uvloop_with_tls])
@@ -297,7 +298,7 @@ def test_a_receiver_that_closes_the_wire_gets_nothing_more_of_the_same_segment(r
             wire.close()
             closed.set()
 
-        await wire.open(take, near.lost.put_nowait, timeout_s=1.0)
+        await wire.open(take, near.lost.put_nowait, timeout_s=HANGS_S)
         wire.send(ASK)
         await far.heard.get()
         far.say(ANSWER + OTHER)

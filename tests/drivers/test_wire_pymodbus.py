@@ -53,7 +53,7 @@ def test_after_a_loss_pymodbus_does_not_connect_again_by_itself(
         loop = asyncio.get_running_loop()
         lost: asyncio.Queue[str] = asyncio.Queue()
         wire = PymodbusWire(*listener.getsockname())
-        await wire.open(nobody, lost.put_nowait, timeout_s=1.0)
+        await wire.open(nobody, lost.put_nowait, timeout_s=HANGS_S)
         connection, _ = await loop.sock_accept(listener)
         connection.close()
         await lost.get()
@@ -70,7 +70,7 @@ def test_a_reset_is_a_loss(run: Callable[[Test], None], listener: socket.socket)
     async def test() -> None:
         lost: asyncio.Queue[str] = asyncio.Queue()
         wire = PymodbusWire(*listener.getsockname())
-        await wire.open(nobody, lost.put_nowait, timeout_s=1.0)
+        await wire.open(nobody, lost.put_nowait, timeout_s=HANGS_S)
         connection, _ = await asyncio.get_running_loop().sock_accept(listener)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0")
         connection.close()
@@ -90,7 +90,7 @@ def test_closing_does_not_wait_for_a_peer_that_takes_nothing(
     async def test() -> None:
         loop = asyncio.get_running_loop()
         wire = PymodbusWire(*listener.getsockname())
-        await wire.open(nobody, nobody, timeout_s=1.0)
+        await wire.open(nobody, nobody, timeout_s=HANGS_S)
         connection, _ = await loop.sock_accept(listener)
         connection.setblocking(False)
         count = 20_000
@@ -122,7 +122,7 @@ def test_closing_does_not_wait_for_a_peer_that_takes_nothing(
 def test_the_socket_sends_at_once_and_keeps_itself_alive(run: Callable[[Test], None], listener: socket.socket) -> None:
     async def test() -> None:
         wire = PymodbusWire(*listener.getsockname())
-        await wire.open(nobody, nobody, timeout_s=1.0)
+        await wire.open(nobody, nobody, timeout_s=HANGS_S)
         with ExitStack() as stack:
             found = [stack.enter_context(each) for each in sockets_to(listener.getsockname())]
             assert len(found) == 1
@@ -143,7 +143,7 @@ def test_of_two_managers_each_sends_bytes_again_only_for_as_long_as_it_may(
     async def test() -> None:
         nonlocal remaining_s
         wire = PymodbusWire(*listener.getsockname(), remaining_s=lambda: remaining_s)
-        await wire.open(nobody, nobody, timeout_s=1.0)
+        await wire.open(nobody, nobody, timeout_s=HANGS_S)
         with ExitStack() as stack:
             (own,) = [stack.enter_context(each) for each in sockets_to(listener.getsockname())]
             wire.send(b"\0\1\0\0\0\2\1\7")
@@ -214,7 +214,7 @@ def test_a_name_that_no_host_can_have_is_host_not_found(run: Callable[[Test], No
     async def test() -> None:
         wire = PymodbusWire("lift..local")
         with pytest.raises(ConnectFailed, match=r"lift\.\.local:502") as caught:
-            await wire.open(nobody, nobody, timeout_s=1.0)
+            await wire.open(nobody, nobody, timeout_s=HANGS_S)
         assert caught.value.problem is ConnectProblem.HOST_NOT_FOUND
 
     run(test)

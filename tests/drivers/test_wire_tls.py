@@ -21,7 +21,6 @@ from register_maps import frames
 from tests.drivers.secured import (
     ANSWER,
     ASK,
-    LIMIT_S,
     READ,
     Near,
     Plc,
@@ -31,6 +30,7 @@ from tests.drivers.secured import (
     server_side,
 )
 from tests.support.certificates import Authority
+from tests.support.programs import HANGS_S
 
 NO_TIME = timedelta(days=-1)
 
@@ -57,7 +57,7 @@ def in_a_thread(
         thread = threading.Thread(target=serve)
         thread.start()
         yield listener.getsockname()[1]
-        thread.join(LIMIT_S)
+        thread.join(HANGS_S)
         assert not thread.is_alive()
 
 
@@ -278,7 +278,7 @@ def test_closing_does_not_wait_for_a_controller_that_takes_nothing(
     count, closed, received = 20_000, threading.Event(), bytearray()
 
     def read_late(secured: ssl.SSLSocket) -> None:
-        closed.wait(LIMIT_S)
+        closed.wait(HANGS_S)
         with suppress(OSError):
             while data := secured.recv(1 << 16):
                 received.extend(data)
@@ -339,12 +339,12 @@ def test_a_controller_that_is_slow_at_arithmetic_has_longer_than_tcp_has(
 ) -> None:
     plc = server_side(authority.issue("plc", "127.0.0.1"), authority.file)
     # its thread is waited for when the loop has ended, which is what closes the socket
-    with in_a_thread(plc, late_s=0.3) as port:
+    with in_a_thread(plc, late_s=1.2) as port:
 
         async def test() -> None:
             near = Near()
             wire = PymodbusWire("127.0.0.1", port, tls=tls)
-            await wire.open(near.frames.put_nowait, near.lost.put_nowait, timeout_s=0.1)
+            await wire.open(near.frames.put_nowait, near.lost.put_nowait, timeout_s=1.0)
             wire.send(ASK)
             assert await near.frames.get() == ANSWER
             wire.close()

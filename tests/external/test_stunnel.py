@@ -85,7 +85,7 @@ def plc(authority: Authority) -> Shown:
 @pytest.fixture
 def tls(authority: Authority) -> LinkTls:
     ours = authority.issue("manager", "lift-manager")
-    return LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key)
+    return LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key, handshake_s=LIMIT_S, files_s=LIMIT_S)
 
 
 def on(loop: Callable[[], asyncio.AbstractEventLoop], main: Coroutine[Any, Any, None]) -> None:
@@ -120,7 +120,11 @@ def test_registers_are_read_and_written_and_a_lost_tunnel_heals_by_itself(
     tunnel = secured(start, tmp_path, modbus, plc, tls.ca, f"sslVersionMax = {newest}")
 
     async def main() -> None:
-        link = Link(lambda: PymodbusWire("127.0.0.1", tunnel.port, tls=tls), LinkSettings(tls=True), name="plc")
+        link = Link(
+            lambda: PymodbusWire("127.0.0.1", tunnel.port, tls=tls),
+            LinkSettings(tls=True, timeout_s=LIMIT_S),
+            name="plc",
+        )
         async with asyncio.TaskGroup() as group:
             group.create_task(link.run())
             await link.wait_up()
@@ -154,7 +158,11 @@ def test_stunnel_refuses_a_certificate_of_another_ca_and_the_link_says_so(
     foreign = replace(tls, certificate=stranger.certificate, key=stranger.key)
 
     async def main() -> None:
-        link = Link(lambda: PymodbusWire("127.0.0.1", tunnel.port, tls=foreign), LinkSettings(tls=True), name="plc")
+        link = Link(
+            lambda: PymodbusWire("127.0.0.1", tunnel.port, tls=foreign),
+            LinkSettings(tls=True, timeout_s=LIMIT_S),
+            name="plc",
+        )
         async with asyncio.TaskGroup() as group:
             group.create_task(link.run())
             await seen(lambda: "certificate" in link.reason)
@@ -180,7 +188,7 @@ def test_a_controller_with_nothing_but_rsa_key_exchange_is_not_spoken_to(
     async def main() -> None:
         wire = PymodbusWire("127.0.0.1", tunnel.port, tls=replace(tls, ca=shown.certificate))
         with pytest.raises(ConnectFailed, match="no cipher in common"):
-            await wire.open(lambda _: None, lambda _: None, timeout_s=1.0)
+            await wire.open(lambda _: None, lambda _: None, timeout_s=LIMIT_S)
 
     on(asyncio.new_event_loop, main())
 
@@ -193,7 +201,7 @@ def test_a_link_without_tls_into_a_port_with_it_ends_at_once(
     async def main() -> None:
         lost: asyncio.Queue[str] = asyncio.Queue()
         wire = PymodbusWire("127.0.0.1", tunnel.port)
-        await wire.open(lambda _: None, lost.put_nowait, timeout_s=1.0)
+        await wire.open(lambda _: None, lost.put_nowait, timeout_s=LIMIT_S)
         wire.send(frames.frame(frames.read(Table.HOLDING, 0, 1), 7))
         # OpenSSL hangs up without a word on what is no TLS; the start warns of port 802 without `tls`
         assert re.search("closed the connection|the connection broke", await lost.get())
@@ -252,7 +260,7 @@ def test_the_role_in_a_certificate_reaches_the_controller_and_is_shown_by_check(
             wire = PymodbusWire("127.0.0.1", port, tls=tls)
             while not wire.is_open:
                 with suppress(ConnectFailed):
-                    await wire.open(lambda _: None, lambda _: None, timeout_s=1.0)
+                    await wire.open(lambda _: None, lambda _: None, timeout_s=LIMIT_S)
             wire.send(b"\0\1\0\0\0\6\1\3\0\0\0\1")
             await asyncio.sleep(0)
             wire.close()

@@ -189,7 +189,7 @@ def test_in_the_factory_a_signal_is_tested_at_the_panel_of_the_simulated_lift(tm
                 (f"Connect independent.*again.*{DONE}", "faults/end", loose),
             ):
                 person.expect(pattern)
-                httpx.post(lift + control, json=body, trust_env=False).raise_for_status()
+                httpx.post(lift + control, json=body, trust_env=False, timeout=HANGS_S).raise_for_status()
                 person.answer("", "")
             person.expect("S-27: pass")
             assert person.ended() == 3

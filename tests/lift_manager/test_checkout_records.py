@@ -15,7 +15,7 @@ from lift_manager.config.load import load_site
 from lift_manager.store.place import store_path
 from tests.lift_manager.commissioning.checkout.records import FAT, SAT, UNSIGNED, result, signed
 from tests.lift_manager.test_operate import LIFT, Site
-from tests.support.programs import Started, call, free_port, run
+from tests.support.programs import HANGS_S, Started, call, free_port, run
 from tests.support.rows import each_row
 
 SITE = """\
@@ -136,7 +136,9 @@ def passed(site: Site) -> Record:
 
 def test_a_running_manager_names_the_record_that_lets_robots_use_its_lift(site: Site) -> None:
     def known() -> object:
-        return httpx.get(f"{site.url}/api/v1/lifts/{LIFT}/capabilities", trust_env=False).json()["checkout"]
+        return httpx.get(f"{site.url}/api/v1/lifts/{LIFT}/capabilities", trust_env=False, timeout=HANGS_S).json()[
+            "checkout"
+        ]
 
     assert known() is None
     assert f"{LIFT}: robots may use it, and there is no checkout record of it in {site.kept}" in site.manager.err

@@ -283,8 +283,8 @@ def test_the_panel_of_a_simulated_lift_is_where_it_is_announced() -> None:
     with running("simulate", "generic-registers", "--port", "0", "--panel", "0") as program:
         panel = program.says(r"make faults: (http://127\.0\.0\.1:\d+/)")[1]
         controller = program.says(r"(127\.0\.0\.1:\d+), unit 1")[1]
-        (lift,) = httpx.get(f"{panel}lifts", trust_env=False).json()["lifts"]
-        address = httpx.get(f"{panel}lifts/{lift}", trust_env=False).json()["controllers"][""]
+        (lift,) = httpx.get(f"{panel}lifts", trust_env=False, timeout=HANGS_S).json()["lifts"]
+        address = httpx.get(f"{panel}lifts/{lift}", trust_env=False, timeout=HANGS_S).json()["controllers"][""]
         assert f"{address['host']}:{address['port']}" == controller
         assert (program.stop()[0], program.err) == (0, "")
 

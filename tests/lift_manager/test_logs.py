@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from lift_manager.cli.logs import HumanFormatter, JsonFormatter
+from lift_manager.cli.logs import HumanFormatter, JsonFormatter, LogFormat, log_to
 from lift_manager.cli.main import app
 from tests.support.programs import running
 
@@ -96,3 +96,11 @@ def test_the_form_of_the_log_may_be_said_by_the_environment_and_a_word_that_is_n
     assert done.exit_code == 2
     assert "'human'" in done.stderr
     assert "'json'" in done.stderr
+
+
+def test_what_asyncio_says_of_the_end_of_a_tls_connection_is_left_out() -> None:
+    shown = io.StringIO()
+    handler = log_to(shown, LogFormat.JSON)
+    for text in ("returning true from eof_received() has no effect when using ssl", "Task was destroyed"):
+        handler.handle(logging.LogRecord("asyncio", logging.WARNING, "", 0, text, None, None))
+    assert [json.loads(line)["message"] for line in shown.getvalue().splitlines()] == ["Task was destroyed"]

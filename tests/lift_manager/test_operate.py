@@ -189,7 +189,7 @@ def answering(answer: bytes) -> Iterator[str]:
         thread = threading.Thread(target=serve)
         thread.start()
         yield f"http://127.0.0.1:{server.getsockname()[1]}"
-        thread.join(10)
+        thread.join(HANGS_S)
 
 
 @each_row("body", [b"<html>", b"[]", b'"text"', b"{}"])

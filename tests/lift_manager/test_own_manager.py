@@ -155,7 +155,7 @@ async def reads(client: LiftManagerClient) -> str:
 
 def test_nobody_else_can_use_its_port(site: Path) -> None:
     async def work(client: LiftManagerClient) -> list[int]:
-        async with httpx.AsyncClient(base_url=client.url, trust_env=False) as stranger:
+        async with httpx.AsyncClient(base_url=client.url, trust_env=False, timeout=HANGS_S) as stranger:
             paths = ("/api/v1/lifts", "/api/v1/links/plc/frames", "/open-rmf/demo-lift/lift_state?lift_name=main")
             return [(await stranger.get(path)).status_code for path in paths]
 

@@ -138,7 +138,9 @@ async def chromium(
         *command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=env
     )
     try:
-        async with connect(await _address(profile), max_size=None) as socket, asyncio.TaskGroup() as tasks:
+        # no pings: a browser that is slow to answer is not gone
+        connection = connect(await _address(profile), max_size=None, open_timeout=HANGS_S, ping_interval=None)
+        async with connection as socket, asyncio.TaskGroup() as tasks:
             tab = Tab(socket)
             listening = tasks.create_task(tab.listen())
             for domain in ("Page", "Runtime", "Log", "Network"):
@@ -157,7 +159,7 @@ async def _address(profile: Path) -> str:
         while not (file.exists() and "\n" in file.read_text()):  # noqa: ASYNC110  it is another program's file
             await asyncio.sleep(LOOK_AGAIN_S)
         port = file.read_text().split("\n")[0]
-        async with httpx.AsyncClient(trust_env=False) as client:
+        async with httpx.AsyncClient(trust_env=False, timeout=HANGS_S) as client:
             while True:
                 targets = (await client.get(f"http://127.0.0.1:{port}/json")).json()
                 if pages := [target for target in targets if target["type"] == "page"]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lift_manager.cluster.errors import EtcdError
 from lift_manager.cluster.etcd import Etcd, read
-from tests.support.programs import eventually, free_port
+from tests.support.programs import HANGS_S, eventually, free_port
 
 FAST = ("--heartbeat-interval=50", "--election-timeout=500", "--pre-vote")
 """What docs/how-to/two-managers.md recommends: a new leader within half a second, and none because a member comes back."""
@@ -77,13 +77,22 @@ class Members:
         return self.hosts.get(name, "127.0.0.1")
 
     def leader(self) -> str:
-        """The member that leads, as `etcdctl` shows it."""
+        """The member that leads, as `etcdctl` shows it; members that are electing one are waited for."""
         words = ["etcdctl", "--endpoints", ",".join(self.urls), "endpoint", "status", "-w", "simple"]
-        shown = subprocess.run(
-            words, env=os.environ | {"ETCDCTL_API": "3"}, capture_output=True, text=True, check=True, timeout=60
-        ).stdout
-        (leads,) = [line for line in shown.splitlines() if line.split(", ")[4] == "true"]
-        return self.names[self.urls.index(leads.split(", ")[0])]
+
+        def look() -> str | None:
+            done = subprocess.run(
+                words,
+                env=os.environ | {"ETCDCTL_API": "3"},
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=HANGS_S,
+            )
+            leads = [line for line in done.stdout.splitlines() if line.split(", ")[4] == "true"]
+            return leads[0].split(", ")[0] if len(leads) == 1 else None
+
+        return self.names[self.urls.index(eventually(look))]
 
 
 @contextmanager

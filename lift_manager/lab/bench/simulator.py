@@ -23,8 +23,8 @@ from simulator.server import SimulatedController
 from simulator.state import ShownState
 
 HOST = "127.0.0.1"
-WITHIN_S = 5.0
-"""The default time limit of a wait. Chosen: several rides at the usual speed, on a busy machine."""
+WITHIN_S = 30.0
+"""The default time limit of a wait. Chosen: a ride takes a second at the usual speed, and many times that on a very busy machine."""
 
 TruthCondition = Callable[[Truth], bool]
 

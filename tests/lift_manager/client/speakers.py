@@ -12,6 +12,7 @@ from lift_manager.api.rides import RideRequest
 from lift_manager.api.sessions import CommandRequest
 from lift_manager.client import LiftManagerClient, Refused
 from lift_manager.rides.ride import RideWord
+from tests.support.programs import HANGS_S
 
 Said = dict[str, Any]
 """An answer as JSON; a refusal is its problem+json."""
@@ -202,7 +203,7 @@ async def _dumped(asked: Awaitable[BaseModel]) -> Said:
 
 @asynccontextmanager
 async def by_hand(url: str) -> AsyncIterator[Speaker]:
-    async with httpx.AsyncClient(base_url=f"{url}/api/v1/", trust_env=False, timeout=40.0) as http:
+    async with httpx.AsyncClient(base_url=f"{url}/api/v1/", trust_env=False, timeout=HANGS_S) as http:
         yield ByHand(http)
 
 

@@ -18,7 +18,7 @@ from lift_manager.store.retention import Limits
 from lift_manager.store.site import open_copy
 from lift_manager.store.store import PendingRow
 from tests.support.etcd import Members, etcd_members
-from tests.support.programs import call, eventually, free_port, running
+from tests.support.programs import HANGS_S, call, eventually, free_port, running
 
 pytestmark = pytest.mark.external("etcd")
 
@@ -167,7 +167,7 @@ def test_an_etcd_that_was_lost_is_made_again_above_the_epochs_that_the_journal_h
 
 def fetched(port: int, path: str) -> Mapping[str, object] | None:
     try:
-        reply = httpx.get(f"http://127.0.0.1:{port}{path}", trust_env=False, timeout=5.0)
+        reply = httpx.get(f"http://127.0.0.1:{port}{path}", trust_env=False, timeout=HANGS_S)
     except httpx.HTTPError:
         return None
     return dict(reply.json()) if reply.status_code == 200 else None

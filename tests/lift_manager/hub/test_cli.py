@@ -10,7 +10,7 @@ import yaml
 
 from tests.lift_manager.hub.rig import NATS_SERVER
 from tests.support.certificates import Authority
-from tests.support.programs import call, eventually, free_port, run, running
+from tests.support.programs import HANGS_S, call, eventually, free_port, run, running
 
 
 @pytest.fixture
@@ -74,7 +74,8 @@ def test_a_hub_serves_https_with_the_certificate_of_its_settings(folder: Path, t
     with running("hub", cwd=folder.parent) as hub:
         hub.says(rf"hub: 0 sites on https://127.0.0.1:{port}\n")
         url = f"https://127.0.0.1:{port}"
-        assert httpx.get(f"{url}/readyz", verify=context).json() == {"ready": True, "sites": 0, "online": 0}
+        ready = httpx.get(f"{url}/readyz", verify=context, timeout=HANGS_S)
+        assert ready.json() == {"ready": True, "sites": 0, "online": 0}
         assert "the certificate of `http: tls` in hub.yaml is valid until" in hub.err
         before = (folder / "nats.pid").read_text()
         hub_lock = run("hub", cwd=folder.parent)

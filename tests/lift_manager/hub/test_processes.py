@@ -84,14 +84,16 @@ def send_robot(lines: list[str], url: str, cwd: Path) -> None:
     assert json.loads(done(begin, "--hub", url, cwd=cwd))["ride"]["id"] == ride["id"]
 
     def phase() -> str:
-        shown = httpx.get(f"{url}/api/v1/sites/berlin/rides/{ride['id']}", trust_env=False).json()["ride"]
+        shown = httpx.get(f"{url}/api/v1/sites/berlin/rides/{ride['id']}", trust_env=False, timeout=HANGS_S).json()[
+            "ride"
+        ]
         assert not {"guidance", "reason"} & set(shown)
         return str(shown["phase"])
 
     assert phase() == "queued"
     manager = f"http://127.0.0.1:{yaml.safe_load((cwd / 'site.yaml').read_text())['api']['port']}"
     key = {"Authorization": f"Bearer {(cwd / 'site.key').read_text().strip()}"}
-    report = httpx.post(f"{manager}/api/v1/rides/{ride['id']}/here", headers=key, trust_env=False)
+    report = httpx.post(f"{manager}/api/v1/rides/{ride['id']}/here", headers=key, trust_env=False, timeout=HANGS_S)
     assert report.status_code == 200, report.text
     eventually(lambda: phase() in ("called", "boarding"))
     done(cancel.replace("RIDE", ride["id"]), "--hub", url, cwd=cwd)
@@ -105,7 +107,9 @@ def use_keys(lines: list[str], url: str, cwd: Path) -> None:
 
     def status(method: str, path: str, key: str = "") -> int:
         headers = {"Authorization": f"Bearer {key}"} if key else {}
-        return httpx.request(method, f"{url}/api/v1/{path}", headers=headers, trust_env=False).status_code
+        return httpx.request(
+            method, f"{url}/api/v1/{path}", headers=headers, trust_env=False, timeout=HANGS_S
+        ).status_code
 
     viewer = re.findall("lm_.*", done(make, cwd=cwd))[0]
     eventually(lambda: status("GET", "sites") == 401)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Sequence
 from typing import Any, cast
 
 import pytest
@@ -12,16 +13,21 @@ from lift_manager.hub.system_account import SystemAccount
 from tests.support.virtual_time import run_virtual
 
 
-class Server:
-    """The system account of a NATS server with a leaf node of berlin; it is a client, its own connection, and its subscription."""
+class Servers:
+    """The system account of NATS servers with leaf nodes of berlin and rome; it is a client, its own connection, and its subscription."""
 
-    def __init__(self) -> None:
-        self.is_slow = True
+    def __init__(self, *names: str) -> None:
+        self.replying: Sequence[str] = names
+        self.leafs = {name: ["SITE_berlin", "SITE_rome"] for name in names}
+        self.request_s = self.reload_s = 0.0
+        """How long they take to reply to a request; how long to read their configuration."""
+        self.returns_meanwhile = False
+        """Whether the leaf node of berlin connects again while they read it."""
         self.done: list[str] = []
         self._replies: list[object] = []
 
     @property
-    def client(self) -> "Server":
+    def client(self) -> "Servers":
         return self
 
     async def open(self) -> None:
@@ -36,13 +42,14 @@ class Server:
     def new_inbox(self) -> str:
         return "inbox"
 
-    async def subscribe(self, subject: str) -> "Server":
+    async def subscribe(self, subject: str) -> "Servers":
         return self
 
     async def publish(self, subject: str, data: bytes, reply: str) -> None:
-        leafs = [{"account": "SITE_berlin", "id": 7}, {"account": "SITE_rome", "id": 8}]
-        named = {"id": "S", "name": "hub"}
-        self._replies.append(named if subject.endswith("IDZ") else {"server": named, "data": {"leafs": leafs}})
+        for name in self.replying:
+            named = {"id": name, "name": name}
+            leafs = [{"account": account, "id": number} for number, account in enumerate(self.leafs[name])]
+            self._replies.append(named if subject.endswith("IDZ") else {"server": named, "data": {"leafs": leafs}})
 
     async def next_msg(self, timeout: float) -> Any:  # noqa: ASYNC109  that of nats-py
         if not self._replies:
@@ -51,10 +58,20 @@ class Server:
         return Reply(self._replies.pop(0))
 
     async def request(self, subject: str, data: bytes, timeout: float) -> Any:  # noqa: ASYNC109
-        if self.is_slow:
-            await asyncio.sleep(timeout)
-            raise TimeoutError
-        self.done.append(f"{subject.rpartition('.')[2]} {data.decode()}")
+        server, what = subject.split(".")[-2:]
+        takes_s = self.reload_s if what == "RELOAD" else self.request_s
+        content = json.loads(data)
+        if what == "KICK":
+            account = self.leafs[server][content["cid"]]
+            self.done.append(f"{server} {what} {account}")
+            self.leafs[server].remove(account)
+        else:
+            self.done.append(f"{server} {what}")
+        await asyncio.sleep(min(takes_s, timeout))
+        if takes_s > timeout:
+            raise NoMessage
+        if what == "RELOAD" and self.returns_meanwhile:
+            self.leafs[server].append("SITE_berlin")
         return Reply({})
 
 
@@ -63,65 +80,78 @@ class Reply:
         self.data = json.dumps(content).encode()
 
 
-def test_a_site_that_is_switched_off_is_disconnected_once_a_slow_server_replies(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    server = Server()
+def account_of(servers: Servers) -> SystemAccount:
+    return SystemAccount(lambda: cast("Connection", servers), len(servers.leafs))
+
+
+def test_a_site_that_is_switched_off_is_disconnected_before_the_server_has_read_a_long_configuration() -> None:
+    server = Servers("S")
+    server.reload_s = 12.0
 
     async def main() -> None:
-        account = SystemAccount(lambda: cast("Connection", server), 1)
+        account = account_of(server)
         await account.reload({"SITE_berlin"})
-        assert server.done == []
-        assert "it is tried again" in caplog.text
-        server.is_slow = False
         await account.retry()
-        assert server.done == ["RELOAD {}", 'KICK {"cid": 7}']
+        # a second request while it still reads the configuration would only be one more to read
+        assert server.done == ["S KICK SITE_berlin", "S RELOAD"]
+
+    run_virtual(main)
+
+
+def test_a_site_that_connects_again_before_the_server_refuses_it_is_disconnected_again() -> None:
+    server = Servers("S")
+    server.returns_meanwhile = True
+
+    async def main() -> None:
+        await account_of(server).reload({"SITE_berlin"})
+        assert server.done == ["S KICK SITE_berlin", "S RELOAD", "S KICK SITE_berlin"]
+
+    run_virtual(main)
+
+
+def test_a_server_that_hangs_follows_once_it_replies(caplog: pytest.LogCaptureFixture) -> None:
+    server = Servers("S")
+    server.reload_s = 1000.0
+
+    async def main() -> None:
+        account = account_of(server)
+        await account.reload({"SITE_berlin"})
+        assert "it is tried again" in caplog.text
+        server.reload_s = 0.0
+        server.leafs["S"].append("SITE_berlin")
+        server.done.clear()
+        await account.retry()
+        assert server.done == ["S KICK SITE_berlin", "S RELOAD"]
         await account.retry()
         assert len(server.done) == 2
 
     run_virtual(main)
 
 
-class Cluster(Server):
-    """Two servers, of which the second one does not reply at first; berlin has a leaf node at each."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.is_slow = False
-        self.replying = ["S1"]
-
-    async def publish(self, subject: str, data: bytes, reply: str) -> None:
-        for name in self.replying:
-            named = {"id": name, "name": name}
-            leafs = [{"account": "SITE_berlin", "id": 7}]
-            self._replies.append(named if subject.endswith("IDZ") else {"server": named, "data": {"leafs": leafs}})
-
-    async def request(self, subject: str, data: bytes, timeout: float) -> Any:  # noqa: ASYNC109
-        self.done.append(" ".join(subject.split(".")[-2:]))
-        return Reply({})
-
-
 def test_a_server_that_replies_late_follows_then_and_no_other_disconnects_a_site_twice(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    cluster = Cluster()
+    cluster = Servers("S1", "S2")
+    cluster.replying = ["S1"]
 
     async def main() -> None:
-        account = SystemAccount(lambda: cast("Connection", cluster), 2)
+        account = account_of(cluster)
         await account.reload({"SITE_berlin"})
-        assert cluster.done == ["S1 RELOAD", "S1 KICK"]
+        assert cluster.done == ["S1 KICK SITE_berlin", "S1 RELOAD"]
+        cluster.leafs["S1"].append("SITE_berlin")  # it was switched off and on, and is connected again
         for _ in range(60):
             await asyncio.sleep(0.5)
             await account.retry()
-        assert cluster.done == ["S1 RELOAD", "S1 KICK"]
+        assert cluster.done == ["S1 KICK SITE_berlin", "S1 RELOAD"]
         assert caplog.text.count("1 of 2 NATS servers have followed the change of sites") == 1
         cluster.replying = ["S1", "S2"]
         for _ in range(60):
             await asyncio.sleep(0.5)
             await account.retry()
-        assert cluster.done[2:] == ["S2 RELOAD", "S2 KICK"]
+        assert cluster.done[2:] == ["S2 RELOAD", "S2 KICK SITE_berlin"]
         # another change is one for both
+        cluster.leafs["S2"].append("SITE_berlin")
         await account.reload({"SITE_berlin"})
-        assert cluster.done[4:] == ["S1 RELOAD", "S2 RELOAD", "S1 KICK", "S2 KICK"]
+        assert cluster.done[4:] == ["S1 KICK SITE_berlin", "S2 KICK SITE_berlin", "S1 RELOAD", "S2 RELOAD"]
 
     run_virtual(main)

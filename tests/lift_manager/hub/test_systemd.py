@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from tests.lift_manager.hub.rig import Rig
-from tests.support.programs import OUT_WITHIN_S, ROOT, eventually, free_port, running
+from tests.support.programs import HANGS_S, OUT_WITHIN_S, ROOT, eventually, free_port, running
 from tests.support.systemd import Systemd, systemd_at
 
 UNITS = ROOT / "deploy" / "systemd"
@@ -34,7 +34,7 @@ def test_a_hub_is_ready_once_it_has_its_nats_server_and_says_when_that_is_lost(t
     rig.place.write(rig.place.registry())
 
     def is_ready() -> bool:
-        return httpx.get(f"http://127.0.0.1:{port}/readyz", trust_env=False).is_success
+        return httpx.get(f"http://127.0.0.1:{port}/readyz", trust_env=False, timeout=HANGS_S).is_success
 
     variables = {"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "400000"}
     with systemd_at(address) as systemd, running("hub", "--folder", rig.place.path, env=variables) as hub:

@@ -116,6 +116,12 @@ class RecordingListener:
         assert isinstance(found, Received), found
         return found
 
+    def until_site(self) -> Received:
+        """Pass over everything else: where something may be too late, a busy computer makes it so."""
+        while not isinstance(found := self.next(), Received):
+            pass
+        return found
+
     def next_loss(self) -> str:
         """Pass over what was heard before."""
         while not isinstance(found := self.next(), Lost):

