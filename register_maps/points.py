@@ -64,7 +64,8 @@ class Point:
 
     def into(self, cell: int, value: int) -> int:
         """Return the content of its address with a value put in; neighbouring bits are kept."""
-        return cell & ~(self.mask << self.low) | (value & self.mask) << self.low
+        mask = self.mask
+        return cell & ~(mask << self.low) | (value & mask) << self.low
 
 
 Cell = tuple[str, Table, int]

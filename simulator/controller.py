@@ -75,7 +75,7 @@ def picture(state: State, parameters: Parameters) -> ShownState:
         floor_known=state.homes_from is None,
         last_known_floor=state.shaft.floor if state.homes_from is None else state.homes_from,
         level_floor=level,
-        in_door_zone=shaft.zone_floor(state.shaft, parameters.shaft) is not None,
+        in_door_zone=level is not None or shaft.zone_floor(state.shaft, parameters.shaft) is not None,
         motion=state.shaft.motion,
         doors=doors,
         door_open_floor=level if all_open else None,
@@ -110,11 +110,13 @@ def _scan(state: State, inputs: Inputs, ticks: int, parameters: Parameters) -> S
         tick = ticks if rests else tick + 1
         before = state
         moved = shaft.step(state.shaft, _orders(state, parameters), dt, parameters.shaft)
-        if moved is not state.shaft:
-            state = state._replace(shaft=moved)
-        landing = levelling.landing(state.shaft, parameters.shaft)
+        memory = _listen(state, inputs, parameters) if tick == ticks else before.network_memory
+        if moved is not state.shaft or memory is not state.network_memory:
+            # in one copy: where a car moves and a watchdog runs, both change in every scan
+            state = state._replace(shaft=moved, network_memory=memory)
+        landing = levelling.landing(moved, parameters.shaft)
         if tick == ticks:
-            state = _sample(state, inputs, landing, parameters)
+            state = _sample(state, inputs, before.network_memory.given, landing, parameters)
             if rests and state is before:
                 break
         state = _serve(state, landing, parameters)
@@ -147,24 +149,28 @@ def _orders(state: State, parameters: Parameters) -> shaft.Orders:
 # -- inputs
 
 
-def _sample(state: State, inputs: Inputs, landing: int | None, parameters: Parameters) -> State:
-    previous = state.image
+def _listen(state: State, inputs: Inputs, parameters: Parameters) -> network.NetworkMemory:
+    """Return what the controller knows of its network after this scan; the same object if nothing has changed."""
+    before, in_robot_mode = state.network_memory, state.mode is Mode.ROBOT
+    memory = network.listen(before, inputs.commands, inputs.signs_of_life, parameters, robot_mode=in_robot_mode)
+    return before if memory == before else memory
+
+
+def _sample(
+    state: State, inputs: Inputs, given_before: network.Given, landing: int | None, parameters: Parameters
+) -> State:
+    """Look at the inputs; what is heard of the network is in the state, `given_before` are the commands of the last scan."""
+    previous, memory = state.image, state.network_memory
     forgets = False
     changed = inputs is not state.inputs and inputs != state.inputs
     if changed and inputs.faults != state.inputs.faults:
         state, forgets = _suffer(state, inputs)
-    robot_mode = state.mode is Mode.ROBOT
-    memory = network.listen(
-        state.network_memory, inputs.commands, inputs.signs_of_life, parameters, robot_mode=robot_mode
-    )
-    if changed or (memory is not state.network_memory and memory.given != state.network_memory.given):
+    if changed or (memory.given is not given_before and memory.given != given_before):
         image = _image(inputs, memory.given, parameters)
         if state.active_faults is not NOTHING:
             image = machine_faults.apply_to_inputs(image, state.active_faults)
         called = next((memory.given[name] for name in CALLS if name in memory.given), state.called)
-        state = state._replace(inputs=inputs, network_memory=memory, image=image, called=called)
-    elif memory is not state.network_memory and memory != state.network_memory:
-        state = state._replace(network_memory=memory)
+        state = state._replace(inputs=inputs, image=image, called=called)
     state = _change_mode(state, parameters)
     forgets = forgets or state.homes_from is not None
     sent: frozenset[int] = frozenset()
@@ -242,7 +248,8 @@ def _register(
 ) -> State:
     """Calls are registered when a button goes down, and dropped where the mode does not serve them."""
     service, image = SERVICE[state.mode], state.image
-    if image is previous and not sent and service.car_calls and service.landing_calls:
+    drops = (state.car_calls and not service.car_calls) or (state.landing_calls and not service.landing_calls)
+    if image is previous and not sent and not drops:
         return state  # no button has gone down
     silent = landing if parameters.same_floor_call is SameFloorCall.SILENT else None
     pressed = _new_calls(image.car_buttons, previous.car_buttons, silent, parameters) | (sent - {silent})

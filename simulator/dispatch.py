@@ -19,7 +19,7 @@ def next_stop(
     A moving car gets the first call that it can still stop for, or else the first floor at which it can stop and turn. A
     car that stands between floors drives to the nearest one even without a call.
     """
-    if not car.standing:
+    if car.speed_m_s != 0.0:
         return _next_while_moving(car, calls, parameters), car.motion
     level = shaft.level_floor(car, parameters)
     floors = calls - {level}

@@ -12,6 +12,7 @@ from math import inf
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
+from simulator.quick_replace import quick_replace
 from simulator.shaft import NEGLIGIBLE_S
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class TimedHold:
     """The pause between two of its pulses, so far."""
 
 
+@quick_replace
 class NetworkMemory(NamedTuple):
     """The memory of the controller about its network. A tuple, as its `State` is."""
 

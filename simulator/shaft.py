@@ -130,9 +130,8 @@ class State(NamedTuple):
         return True
 
 
-@dataclass(frozen=True, slots=True)
-class Orders:
-    """The controller's orders to the machine; the interlocks decide which are carried out."""
+class Orders(NamedTuple):
+    """The controller's orders to the machine; the interlocks decide which are carried out. A tuple: each scan gives some."""
 
     target_m: float | None = None
     """Height to go to; None: brake and stand, wherever that is."""
