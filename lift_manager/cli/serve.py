@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -58,6 +59,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("lift_manager")
 
+
+SWITCH_S = 0.001
+"""How long a thread waits at most for the one that runs Python. Chosen: the threads of the store and of DDS run for less, but take turns
+many times in each commit; with the 5 ms of Python a press waited for its row until the loop had nothing else to do."""
 
 NO_WORKERS = (
     "a site is served by one process, because a lift has one holder and its controller takes one connection; one process polls 1,000"
@@ -211,6 +216,7 @@ async def _serve(
     scheme = "http" if loaded.site.api.tls is None else "https"
 
     def ready() -> None:
+        sys.setswitchinterval(SWITCH_S)
         gc.freeze()  # a full collection of all that lives as long as the process would stop every lift for a tenth of a second
         where = f"{scheme}://{host}:{port}/docs"
         out.print(f"{loaded.site.name}: {counted(len(loaded.site.lifts), 'lift')} on {where}", highlight=False)
