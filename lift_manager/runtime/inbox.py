@@ -35,6 +35,11 @@ class Inbox:
         if self._soon is None:
             self._soon = asyncio.get_running_loop().call_soon(self._take_soon)
 
+    def take_now(self, item: Input) -> None:
+        """Take this input, after what was reported before it: for a callback of the loop, which is in the middle of no other work."""
+        self._queue.append(item)
+        self._guarded()
+
     def take_all(self) -> None:
         """Take everything that was reported, and what follows from that."""
         while self._queue:
@@ -60,8 +65,7 @@ class Inbox:
 
     def _tick(self) -> None:
         self.wake_at = math.inf
-        self._queue.append(Tick())
-        self._guarded()
+        self.take_now(Tick())
 
     def _guarded(self) -> None:
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from asyncio import Future
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from drivers.driver import LiftDriver
@@ -15,6 +15,7 @@ from lift_manager.lift.inputs import (
     Cancel,
     CommitFailed,
     Committed,
+    Input,
     OutputChanged,
     Outputs,
     Press,
@@ -145,14 +146,16 @@ class LiftOutputs:
             for holder, command, again in rows
         ]
         answer = [self._recorder.commit_now(row) for row in written][-1]  # rows are committed in their order
-        done = partial(self._answered, self._commits, sequence)
         if answer.done():
-            done(answer)
+            self._answered(self._commits, sequence, self._inbox.put, answer)
         else:
-            answer.add_done_callback(done)
+            # taken where it arrives: another turn of a busy loop takes milliseconds, and a press waits
+            answer.add_done_callback(partial(self._answered, self._commits, sequence, self._inbox.take_now))
 
-    def _answered(self, commit: int, sequence: int, answer: Future[str | None]) -> None:
-        """Take the answer of the store as an input."""
+    def _answered(
+        self, commit: int, sequence: int, report: Callable[[Input], None], answer: Future[str | None]
+    ) -> None:
+        """Report the answer of the store as an input."""
         if answer.cancelled():
             reason: str | None = "the journal has ended"
         elif (bug := answer.exception()) is not None:
@@ -162,8 +165,8 @@ class LiftOutputs:
             reason = answer.result()
         if reason is None:
             self._holds.committed(commit)
-            self._inbox.put(Committed(sequence))
+            report(Committed(sequence))
             return
         for name in self._holds.not_committed(commit):
             _log.warning("%s: %s is not asserted: %s", self._config.name, name, reason)
-        self._inbox.put(CommitFailed(reason))
+        report(CommitFailed(reason))

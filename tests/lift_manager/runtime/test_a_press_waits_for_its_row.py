@@ -91,6 +91,18 @@ def test_a_journal_that_refuses_ends_or_breaks_refuses_the_press(
     on_bench(check, PLAIN, recorder=disk)
 
 
+def test_the_driver_has_a_press_in_the_turn_of_the_loop_in_which_the_store_answers() -> None:
+    disk = SlowRecorder()
+
+    async def check(made: Bench) -> None:
+        made.accept("L3")
+        disk.waiting.pop().set_result(None)
+        await asyncio.sleep(0)
+        assert made.driver.on == {"go_to"}
+
+    on_bench(check, PLAIN, recorder=disk)
+
+
 def test_releases_and_refreshes_do_not_wait_while_a_row_is_awaited() -> None:
     disk = SlowRecorder()
 
