@@ -15,7 +15,7 @@ import pytest
 from lift_manager.plain.answers import describe_refusal
 from lift_manager.plain.http import Address, Reply, Server
 from lift_manager.rmf.port import Answer, EndOfSession, SessionDemand
-from lift_manager.rmf.remote_manager import MAX_REASONS, SENDERS, Pace, RemoteManager
+from lift_manager.rmf.remote_manager import ANSWER_SHARE, MAX_REASONS, SENDERS, Pace, RemoteManager
 from tests.lift_manager.rmf.remote_rig import (
     BRISK,
     CALM,
@@ -300,17 +300,37 @@ def test_a_stream_that_falls_silent_or_ends_is_taken_up_again(script: Script) ->
         listener.until_site()
 
 
-def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
-    def events(_: Asked, wire: Wire) -> None:
-        pause = threading.Event()
+def events_until(enough: threading.Event) -> Script:
+    def script(_: Asked, wire: Wire) -> None:
         wire.send(STREAM)
-        for number in range(400):
+        number = 0
+        while not enough.wait(0.001):
+            number += 1
             wire.send(event(f"x-{number}"))
-            pause.wait(0.001)
 
-    with scripted_manager(Manager(RARELY, {"events": events}), PATIENT) as (_, _, listener):
+    return script
+
+
+def test_no_number_of_events_makes_more_than_fifty_questions_a_second_to_a_manager_that_takes_its_time() -> None:
+    def site(_: Asked, wire: Wire) -> None:
+        threading.Event().wait(Pace.min_poll_gap_s * ANSWER_SHARE)
+        wire.send(said(200, asdict(RARELY)))
+
+    enough = threading.Event()
+    manager = Manager(RARELY, {"events": events_until(enough), RMF: site})
+    with scripted_manager(manager, PATIENT) as (_, _, listener):
         heard = [listener.next_site() for _ in range(7)]
+        enough.set()
     assert all(after.asked_at - before.asked_at > Pace.min_poll_gap_s - 0.001 for before, after in pairwise(heard))
+
+
+def test_a_manager_that_answers_at_once_is_asked_again_as_soon_as_there_is_news() -> None:
+    enough = threading.Event()
+    manager = Manager(RARELY, {"events": events_until(enough)})
+    with scripted_manager(manager, replace(PATIENT, min_poll_gap_s=1000.0)) as (_, _, listener):
+        for _ in range(3):
+            listener.next_site()
+        enough.set()
 
 
 # the end, and what stays inside
