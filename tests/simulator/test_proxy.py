@@ -74,6 +74,7 @@ class Server:
         self.heard: asyncio.Queue[bytes | None] = asyncio.Queue()
         """What came; b"" where a client ended its side, None where a connection was reset."""
         self.writers: list[asyncio.StreamWriter] = []
+        self.is_connected = asyncio.Event()
         self.answers: dict[bytes, bytes] = {ASK: ANSWER}
 
     @property
@@ -82,6 +83,7 @@ class Server:
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.writers.append(writer)
+        self.is_connected.set()
         try:
             while data := await reader.read(65536):
                 self.heard.put_nowait(data)
@@ -359,6 +361,7 @@ def test_a_half_open_connection_passes_nothing_and_no_end_and_the_next_one_lives
             async with client(proxy) as (reader, writer):
                 writer.write(ASK + PRESS)
                 assert await silent(reader.read(1))
+                await server.is_connected.wait()
                 server.writers[0].write(ANSWER + b"and something that is no frame")
                 assert await silent(reader.read(1))
                 async with client(proxy) as (other, another):
@@ -376,6 +379,7 @@ def test_the_end_of_a_half_open_connection_does_not_reach_its_client() -> None:
         async with proxied(HalfOpen(times=1)) as (server, proxy), client(proxy) as (reader, writer):
             writer.write(ASK)
             assert await silent(reader.read(1))
+            await server.is_connected.wait()
             server.writers[0].close()
             assert await silent(reader.read(1))
 
