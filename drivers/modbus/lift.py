@@ -83,6 +83,7 @@ class ModbusLift:
         "_settings",
         "_signals",
         "_units",
+        "_waiting",
         "_watchdog_unit_s",
         "_worker",
         "_writer",
@@ -113,7 +114,10 @@ class ModbusLift:
         )
         self._requests = tuple((b, self._units.link(b.endpoint), self._units.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)
-        self._begun = _BegunPoll(*self._requests[0][1:], self._repetition) if len(self._requests) == 1 else None
+        self._begun = (
+            None if endpoints or len(self._requests) > 1 else _BegunPoll(*self._requests[0][1:], self._repetition)
+        )
+        """None for a lift that no single request polls."""
         self._requested_at: tuple[float, ...] = ()
         """When each block of the newest poll was requested; empty before the first."""
         self._signals: Signals | None = None
@@ -133,6 +137,7 @@ class ModbusLift:
         notes = WriteReports(self._reports.report, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._units, settings, notes)
         self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._reports.report)
+        self._waiting = self._presses.waiting
         self._arbitration = (
             Arbitration(claim, self._outputs.set_claim, self._note)
             if codec.arbitration is not None and settings.control
@@ -208,8 +213,9 @@ class ModbusLift:
         return self._reading(payloads, requested_at, is_new=is_new)
 
     def begin_read(self, on_answer: OnAnswer) -> bool:
-        """Begin a poll of one block, over a connection that was read before."""
-        return self._begun is not None and self._units.epoch == self._epoch and self._begun.begin(on_answer)
+        """Begin a poll of one request, over a connection that was read before."""
+        begun = self._begun
+        return begun is not None and begun.link.epoch == self._epoch and begun.begin(on_answer)
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
@@ -323,10 +329,10 @@ class ModbusLift:
             requested_at.append(link.stats.asked_at)
         return tuple(payloads), tuple(requested_at)
 
-    def _repetition(self, payload: bytes) -> LiftReading | None:
+    def _repetition(self, payload: bytes, at: float) -> LiftReading | None:
         """Return the reading of an answer that repeats the one before; None where there is more to do than to take it."""
-        values, at = self._reports.values, self._requests[0][1].stats.asked_at
-        if values is None or self._presses.waiting or self._notices or at > self._alive.live_until:
+        values = self._reports.values
+        if values is None or self._waiting or self._notices or at > self._alive.live_until:
             return None
         if not self._reader.repeats(payload):
             return self._reading((payload,), (at,)) if self._reader.differs_only_in(SIGNAL, payload) else None
@@ -348,7 +354,7 @@ class ModbusLift:
             self._presses.restart(values, at)
         if at > self._alive.live_until:
             raise self._alive.error(at)
-        if self._presses.waiting:
+        if self._waiting:
             self._presses.check_proof(values, at)
         notices = self._foreign_writes.take_notices(at) if self._notices else ()
         return LiftReading(at, self._epoch, values, notices, reports.states)
@@ -423,11 +429,12 @@ class ModbusLift:
 class _BegunPoll:
     """A poll of one block that was begun without a task. Keeps an answer that is more than a repetition."""
 
-    __slots__ = ("_link", "_on_answer", "_repetition", "_request", "answer")
+    __slots__ = ("_on_answer", "_repetition", "_request", "_stats", "answer", "link")
 
-    def __init__(self, link: Link, request: Request, repetition: Callable[[bytes], LiftReading | None]) -> None:
-        """`repetition` returns the reading of an answer, or None where the answer is to be kept."""
-        self._link = link
+    def __init__(self, link: Link, request: Request, repetition: Callable[[bytes, float], LiftReading | None]) -> None:
+        """`repetition` returns the reading of an answer and the time of its request, or None where the answer is to be kept."""
+        self.link = link
+        self._stats = link.stats
         self._request = request
         self._repetition = repetition
         self._on_answer: OnAnswer
@@ -437,14 +444,14 @@ class _BegunPoll:
     def begin(self, on_answer: OnAnswer) -> bool:
         """Send the request, unless it would have to wait: then return False."""
         self.answer, self._on_answer = None, on_answer
-        return self._link.read_at_once(self._request, self)
+        return self.link.read_at_once(self._request, self)
 
     def done(self) -> bool:
         return False
 
     def set_result(self, payload: bytes, /) -> None:
         try:
-            reading = self._repetition(payload)
+            reading = self._repetition(payload, self._stats.asked_at)
         except Exception as bug:  # noqa: BLE001 - raised by `read`: the connection and the other lifts on it have no part in it
             self.set_exception(bug)
             return

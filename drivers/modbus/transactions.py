@@ -87,6 +87,7 @@ class Transactions:
     # one for each connection: a table of attributes, and an empty set, would take as much memory as all the rest of it
     __slots__ = (
         "_busy_pause",
+        "_busy_retries",
         "_commands",
         "_commands_in_a_row",
         "_deadline",
@@ -112,6 +113,7 @@ class Transactions:
         "_timer",
         "_timer_at",
         "_unanswered",
+        "_unit",
         "_unpaused",
         "_wire",
         "_write_wait_s",
@@ -143,10 +145,10 @@ class Transactions:
         self._on_proved = on_proved
         self._loop = asyncio.get_running_loop()
         self._latencies = stats.latencies
-        self._latency = settings.new_latency()
-        """Of the unit of the newest request."""
+        self._unit, self._latency = -1, settings.new_latency()
+        """The unit of the newest request, and its estimator."""
         self._write_wait_s = settings.timeout_s
-        self._gap_s = settings.min_gap_s
+        self._gap_s, self._busy_retries = settings.min_gap_s, settings.busy_retries
         self._tid_echo = settings.tid_echo
         self._sent_before = stats.transactions
         self._commands: list[_Job] = []
@@ -193,7 +195,7 @@ class Transactions:
         """Queue a request in the read lane."""
         future: asyncio.Future[bytes] = self._loop.create_future()
         if not self.read_at_once(request, future):
-            self._reads.append((future, request, None, self._settings.busy_retries, self._loop.time(), False))
+            self._reads.append((future, request, None, self._busy_retries, self._loop.time(), False))
         return future
 
     def read_at_once(self, request: Request, receiver: Receiver) -> bool:
@@ -203,17 +205,17 @@ class Transactions:
         # nothing waits in either lane then
         self._commands_in_a_row = 0
         self._stats.read_waits.counts[0] += 1  # not `add`, as in `on_frame`
-        self._send((receiver, request, None, self._settings.busy_retries, _AT_ONCE, False))
+        self._send((receiver, request, None, self._busy_retries, _AT_ONCE, False))
         return True
 
     def command(self, request: Request, permit: Permit | None, *, presses: bool = True) -> asyncio.Future[bytes]:
         """Queue a request in the command lane. One that `presses` is refused while the controller does not answer."""
         future: asyncio.Future[bytes] = self._loop.create_future()
         if self._job is None and self._gap is None:
-            self._commands.append((future, request, permit, self._settings.busy_retries, _AT_ONCE, presses))
+            self._commands.append((future, request, permit, self._busy_retries, _AT_ONCE, presses))
             self._next()
             return future
-        self._commands.append((future, request, permit, self._settings.busy_retries, self._loop.time(), presses))
+        self._commands.append((future, request, permit, self._busy_retries, self._loop.time(), presses))
         return future
 
     def stop(self, reason: str, down: Callable[[], DriverError]) -> None:
@@ -300,11 +302,12 @@ class Transactions:
         self.last_tid = tid = self.last_tid % _HIGHEST_TID + 1
         self._stats.transactions += 1
         request = job[1]
-        latency = self._latencies.get(request.unit)
-        if latency is None:
-            latency = self._latencies[request.unit] = self._settings.new_latency()
-        self._latency = latency
-        wait_s = latency.timeout_s
+        if request.unit != self._unit:
+            latency = self._latencies.get(request.unit)
+            if latency is None:
+                latency = self._latencies[request.unit] = self._settings.new_latency()
+            self._unit, self._latency = request.unit, latency
+        wait_s = self._latency.timeout_s
         if wait_s < self._write_wait_s and request.values:
             wait_s = self._write_wait_s
         self._sent_at = sent_at = self._loop.time()

@@ -33,10 +33,12 @@ class LiftPoll:
     __slots__ = (
         "_actor",
         "_began",
+        "_driver",
         "_due",
         "_first_poll_s",
         "_loop",
         "_needed",
+        "_pause",
         "_reading",
         "_sleeps",
         "_slowest_s",
@@ -52,6 +54,8 @@ class LiftPoll:
         self.looked = Flag()
         """The lift has been read."""
         self._actor = actor
+        self._driver = actor.driver
+        self._pause = actor.pause
         self._first_poll_s = first_poll_s
         self._ticker = ticker or Ticker()
         self._due = self._began = 0.0
@@ -86,7 +90,7 @@ class LiftPoll:
         reading, self._reading = self._reading, None
         try:
             if reading is None:
-                reading = await self._actor.driver.read()
+                reading = await self._driver.read()
         except DriverError as error:
             self._actor.take_failure(error)
             return False
@@ -98,10 +102,9 @@ class LiftPoll:
         """Begin the poll that is due."""
         if not self._sleeps:
             return
-        actor = self._actor
-        self._due, self._began = actor.pause.until, self._loop.time()
+        self._due, self._began = self._pause.until, self._loop.time()
         try:
-            if not actor.driver.begin_read(self._on_answer):
+            if not self._driver.begin_read(self._on_answer):
                 self._wake()
         except Exception as bug:  # noqa: BLE001 - raised by the task, as any other bug of this lift
             self._wake(bug)
@@ -136,7 +139,7 @@ class LiftPoll:
         self.polls += 1
         self._slowest_s = max(ended - self._began, self._slowest_s * FORGETS)
         due = self._next_due(self._due, ended, is_answered=is_answered)
-        self._actor.pause.last_until(due, self._ticker, self._begin_poll)
+        self._pause.last_until(due, self._ticker, self._begin_poll)
 
     def _next_due(self, due: float, ended: float, *, is_answered: bool) -> float:
         """Return when the next poll is due, after one that was due at `due`."""
