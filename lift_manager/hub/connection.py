@@ -6,7 +6,8 @@ import asyncio
 import logging
 import secrets
 import ssl
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,14 +38,26 @@ def require_nats() -> None:
 
 
 def raise_if_cancelled() -> None:
-    """Raise CancelledError if this task is to end.
-
-    nats-py (2.16) turns that into an error of its own once its connection is closed. Where it waits with a time limit, and what it waits for
-    comes in the same moment, it is lost altogether (`asyncio.wait_for` before Python 3.12): a hub that changed its sites did not end.
-    """
+    """Raise CancelledError if this task is to end: nats-py (2.16) turns that into an error of its own once its connection is closed."""
     task = asyncio.current_task()
     if task is not None and task.cancelling():
         raise asyncio.CancelledError
+
+
+@contextmanager
+def cancellable() -> Iterator[None]:
+    """Raise CancelledError at the end if this task was cancelled meanwhile, also where that was lost.
+
+    nats-py waits with `asyncio.wait_for`, which loses a cancellation before Python 3.12 if what it waits for comes in the same moment: a hub
+    that changed its sites did not end. What came before does not count: after a TaskGroup that has failed, Python 3.11 still counts it.
+    """
+    task = asyncio.current_task()
+    before = 0 if task is None else task.cancelling()
+    try:
+        yield
+    finally:
+        if task is not None and task.cancelling() > before:
+            raise asyncio.CancelledError
 
 
 def client_context(ca: Path | None) -> ssl.SSLContext:
@@ -97,22 +110,22 @@ class Connection:
         """Return once the first connection is made, however long that takes."""
         module = import_module("nats.aio.client")
         self._client = module.Client()
-        await self._client.connect(
-            list(self._servers),
-            user=self._user,
-            password=self._password,
-            name=self._owner,
-            error_cb=self._on_error,
-            disconnected_cb=self._on_lost,
-            reconnected_cb=self._on_connected,
-            allow_reconnect=True,
-            max_reconnect_attempts=-1,
-            reconnect_time_wait=RECONNECT_S,  # type: ignore[arg-type]  # the annotation says int; it goes to asyncio.sleep
-            ping_interval=PING_S,
-            pending_size=0,
-            tls=self._tls,
-        )
-        raise_if_cancelled()
+        with cancellable():
+            await self._client.connect(
+                list(self._servers),
+                user=self._user,
+                password=self._password,
+                name=self._owner,
+                error_cb=self._on_error,
+                disconnected_cb=self._on_lost,
+                reconnected_cb=self._on_connected,
+                allow_reconnect=True,
+                max_reconnect_attempts=-1,
+                reconnect_time_wait=RECONNECT_S,  # type: ignore[arg-type]  # the annotation says int; it goes to asyncio.sleep
+                ping_interval=PING_S,
+                pending_size=0,
+                tls=self._tls,
+            )
         await self._on_connected()
 
     async def request(self, subject: str, data: bytes, inbox: str, within_s: float) -> bytes:
@@ -152,10 +165,9 @@ class Connection:
         """Close it, without waiting for what is under way, nor for a server that hangs."""
         if self._client is not None:
             # a connection that is half open fails to close, and that is all the same here
-            with suppress(Exception):
+            with cancellable(), suppress(Exception):
                 async with asyncio.timeout(CLOSE_WITHIN_S):
                     await self._client.close()
-            raise_if_cancelled()
 
     async def _on_connected(self) -> None:
         self._trouble = ""
