@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from lift_manager.hub import subjects
-from lift_manager.hub.connection import Connection, raise_if_cancelled
+from lift_manager.hub.connection import Connection, cancellable, raise_if_cancelled
 from lift_manager.hub.errors import BadReply, SiteRefused, SiteSilent
 from lift_manager.hub.messages import (
     NEWS_EVERY_S,
@@ -327,12 +327,13 @@ class RemoteSite:
         found: list[Msg] = []
         try:
             await client.publish(subjects.rows(self.id), request, reply=inbox)
-            async with asyncio.timeout(REPLY_S):
-                while len(found) < BATCH:
-                    message = await subscription.next_msg(timeout=REPLY_S)
-                    if (message.headers or {}).get("Status"):
-                        break
-                    found.append(message)
+            with cancellable():
+                async with asyncio.timeout(REPLY_S):
+                    while len(found) < BATCH:
+                        message = await subscription.next_msg(timeout=REPLY_S)
+                        if (message.headers or {}).get("Status"):
+                            break
+                        found.append(message)
         finally:
             await self._unsubscribe(subscription)
         return found

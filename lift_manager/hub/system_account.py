@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-from lift_manager.hub.connection import Connection
+from lift_manager.hub.connection import Connection, cancellable
 
 if TYPE_CHECKING:
     from nats.aio.client import Client
@@ -63,12 +63,13 @@ class SystemAccount:
             return
         is_first = not self._reloaded
         try:
-            async with asyncio.timeout(WHOLE_S), self._opened() as client:
-                if self._to_close and is_first:
-                    await self._close(client)
-                await self._reload(client)
-                if self._to_close:
-                    await self._close(client)
+            with cancellable():
+                async with asyncio.timeout(WHOLE_S), self._opened() as client:
+                    if self._to_close and is_first:
+                        await self._close(client)
+                    await self._reload(client)
+                    if self._to_close:
+                        await self._close(client)
         except (Error, OSError, TimeoutError) as error:
             why = str(error) or "no reply in time"
             _log.error("the NATS servers do not follow the change of sites: %s; it is tried again", why)

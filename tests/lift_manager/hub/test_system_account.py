@@ -70,6 +70,10 @@ class Servers:
         await asyncio.sleep(min(takes_s, timeout))
         if takes_s > timeout:
             raise NoMessage
+        loop = asyncio.get_running_loop()
+        reply = loop.create_future()
+        loop.call_soon(reply.set_result, None)
+        await asyncio.wait_for(reply, timeout)  # as nats-py does
         if what == "RELOAD" and self.returns_meanwhile:
             self.leafs[server].append("SITE_berlin")
         return Reply({})
@@ -153,5 +157,21 @@ def test_a_server_that_replies_late_follows_then_and_no_other_disconnects_a_site
         cluster.leafs["S2"].append("SITE_berlin")
         await account.reload({"SITE_berlin"})
         assert cluster.done[4:] == ["S1 KICK SITE_berlin", "S2 KICK SITE_berlin", "S1 RELOAD", "S2 RELOAD"]
+
+    run_virtual(main)
+
+
+def test_an_attempt_can_be_ended_at_any_moment() -> None:
+    async def main() -> None:
+        turns, is_done = 0, False
+        while not is_done:
+            task = asyncio.create_task(account_of(Servers("S")).reload({"SITE_berlin"}))
+            for _ in range(turns):
+                await asyncio.sleep(0)
+            is_done, turns = task.done(), turns + 1
+            task.cancel()
+            await asyncio.wait([task])
+            assert task.cancelled() is not is_done, turns
+        assert turns > 5
 
     run_virtual(main)
