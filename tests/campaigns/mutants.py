@@ -192,9 +192,9 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/runtime/outputs.py",
-                "        done = partial(self._answered, self._commits, sequence)\n",
-                "        done, answer = partial(self._answered, self._commits, sequence), answer.get_loop().create_future()\n"
-                "        answer.set_result(None)\n",
+                "        if answer.done():\n            self._answered(",
+                "        answer = answer.get_loop().create_future()\n        answer.set_result(None)\n"
+                "        if answer.done():\n            self._answered(",
             ),
         ),
     ),
