@@ -9,6 +9,7 @@ from pathlib import Path
 from lift_manager.hub.connection import Connection, client_context
 from tests.lift_manager.hub.rig import Rig
 from tests.support.certificates import Authority
+from tests.support.virtual_time import cancel_at_every_turn
 
 
 def test_a_connection_to_a_server_that_hangs_ends_at_once(tmp_path: Path) -> None:
@@ -50,16 +51,7 @@ def test_a_task_that_opens_and_closes_a_connection_can_be_ended_at_any_moment(ri
 
     async def main() -> None:
         await use()  # the server has started
-        turns, is_done = 0, False
-        while not is_done:
-            task = asyncio.create_task(use())
-            for _ in range(turns):
-                await asyncio.sleep(0)
-            is_done, turns = task.done(), turns + 1
-            task.cancel()
-            await asyncio.wait([task])
-            assert task.cancelled() is not is_done, turns
-        assert turns > 5
+        await cancel_at_every_turn(use)
         gc.collect()
 
     with rig.leaf("berlin"), warnings.catch_warnings():

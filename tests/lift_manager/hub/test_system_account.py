@@ -10,7 +10,7 @@ from nats.errors import TimeoutError as NoMessage
 
 from lift_manager.hub.connection import Connection
 from lift_manager.hub.system_account import SystemAccount
-from tests.support.virtual_time import run_virtual
+from tests.support.virtual_time import cancel_at_every_turn, run_virtual
 
 
 class Servers:
@@ -163,15 +163,6 @@ def test_a_server_that_replies_late_follows_then_and_no_other_disconnects_a_site
 
 def test_an_attempt_can_be_ended_at_any_moment() -> None:
     async def main() -> None:
-        turns, is_done = 0, False
-        while not is_done:
-            task = asyncio.create_task(account_of(Servers("S")).reload({"SITE_berlin"}))
-            for _ in range(turns):
-                await asyncio.sleep(0)
-            is_done, turns = task.done(), turns + 1
-            task.cancel()
-            await asyncio.wait([task])
-            assert task.cancelled() is not is_done, turns
-        assert turns > 5
+        await cancel_at_every_turn(lambda: account_of(Servers("S")).reload({"SITE_berlin"}))
 
     run_virtual(main)
