@@ -13,6 +13,9 @@ from pathlib import Path
 from drivers.errors import ControllerTaken, LockUnusable
 from drivers.own_files import is_shared, open_own
 
+_LONGEST_PID = 32
+"""In bytes; what else may be in the file is not shown."""
+
 
 @contextmanager
 def controller_lock(host: str, port: int, *, temporary: Path | None = None) -> Iterator[None]:
@@ -29,13 +32,14 @@ def controller_lock(host: str, port: int, *, temporary: Path | None = None) -> I
         descriptor = open_own(path, os.O_RDWR | os.O_APPEND)
     except OSError as error:
         raise LockUnusable(f"{host}:{port}", f"{path}: {error.strerror or error}") from error
-    with open(descriptor, "a+", encoding="utf-8") as file:  # noqa: PTH123  of a descriptor
+    try:  # without a file object: with its buffers it would take 5 KB for each controller
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            file.seek(0)
-            raise ControllerTaken(f"{host}:{port}", file.read().strip() or "unknown") from error
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
+            holder = os.pread(descriptor, _LONGEST_PID, 0).decode("ascii", "replace").strip()
+            raise ControllerTaken(f"{host}:{port}", holder or "unknown") from error
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, str(os.getpid()).encode())
         yield
+    finally:
+        os.close(descriptor)
