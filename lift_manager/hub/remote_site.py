@@ -169,11 +169,10 @@ class RemoteSite:
     async def answers(self) -> bool:
         """Whether a request reaches the site."""
         try:
-            await self.lifts(None)
+            with suppress(BadReply, SiteRefused):  # replies as well
+                await self.lifts(None)
         except SiteSilent:
             return False
-        except (BadReply, SiteRefused):
-            return True
         return True
 
     async def rides(self, ride: str | None) -> RidesReply:

@@ -13,15 +13,15 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings, LinkState
 from drivers.modbus.memory import MemoryDevice
 from drivers.model import Command, CommandKind, Result
-from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.state import Quality
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.poll import LiftPoll
 from lift_manager.runtime.recorder import MemoryRecorder
-from register_maps.words import Side, Table
+from register_maps.words import Table
 from tests.drivers.caller import Caller
 from tests.drivers.linked import now, virtual
+from tests.support.lift_configs import front_door_config
 from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse
@@ -59,15 +59,7 @@ async def polled(settings: LinkSettings) -> AsyncIterator[Made]:
     device.values[Table.DISCRETE].update({1: 1, 2: 1, 4: 1})
     link = Link(device.wire, settings, name="plc")
     lift = ModbusLift(compiled("two-stop-agv"), link, LiftSettings(name="lift", floors=FLOORS, control=True))
-    config = LiftConfig(
-        name="lift",
-        source=lift.source,
-        floors=tuple(FLOORS),
-        doors_at=dict.fromkeys(FLOORS, (Side.FRONT,)),
-        control=True,
-        capabilities=lift.capabilities,
-        poll_s=POLL_S,
-    )
+    config = front_door_config(lift, FLOORS, poll_s=POLL_S)
     bus: Bus[Event] = Bus()
     actor = LiftActor(lift, config, bus, MemoryRecorder())
     running = [asyncio.ensure_future(part) for part in (link.run(), lift.run(), LiftPoll(actor).run())]

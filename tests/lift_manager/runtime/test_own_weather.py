@@ -12,7 +12,6 @@ from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice, hang_up
-from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.refusals import Accepted
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import Quality
@@ -22,7 +21,8 @@ from lift_manager.runtime.poll import LiftPoll
 from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.runtime.site import Site
 from lift_manager.runtime.ticker import BEAT_S, Ticker
-from register_maps.words import Side, Table
+from register_maps.words import Table
+from tests.support.lift_configs import front_door_config
 from tests.support.refusals import reply
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import cancel_all, elapse, run_virtual
@@ -63,18 +63,6 @@ class Seen:
     polls: dict[str, list[float]] = field(default_factory=dict)
     presses: dict[str, list[float]] = field(default_factory=dict)
     bad: set[Quality] = field(default_factory=set)
-
-
-def config(name: str, driver: ModbusLift) -> LiftConfig:
-    return LiftConfig(
-        name=name,
-        source=driver.source,
-        floors=tuple(FLOORS),
-        doors_at=dict.fromkeys(FLOORS, (Side.FRONT,)),
-        control=True,
-        capabilities=driver.capabilities,
-        poll_s=POLL_S,
-    )
 
 
 @dataclass
@@ -118,7 +106,7 @@ def building(names: tuple[str, ...]) -> Building:
     lifts = []
     for name, link in links.items():
         driver = ModbusLift(CODEC, link, LiftSettings(name=name, floors=FLOORS, control=True))
-        lifts.append(LiftActor(driver, config(name, driver), bus, recorder))
+        lifts.append(LiftActor(driver, front_door_config(driver, FLOORS, poll_s=POLL_S, name=name), bus, recorder))
     return Building(devices, links, Site(lifts, bus, recorder), lifts)
 
 

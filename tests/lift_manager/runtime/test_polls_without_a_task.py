@@ -13,14 +13,14 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice, silence
 from drivers.model import LiftReading
-from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.state import Quality
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.poll import LiftPoll
 from lift_manager.runtime.recorder import MemoryRecorder
-from register_maps.words import Side, Table
+from register_maps.words import Table
 from tests.drivers.linked import virtual
+from tests.support.lift_configs import front_door_config
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse
 
@@ -73,15 +73,7 @@ async def polled() -> AsyncIterator[Made]:
     device.values[Table.DISCRETE].update({1: 1, 2: 1, 4: 1})
     link = Link(device.wire, name="plc")
     lift = Lift(compiled("two-stop-agv"), link, LiftSettings(name="lift", floors=FLOORS, control=False))
-    config = LiftConfig(
-        name="lift",
-        source=lift.source,
-        floors=tuple(FLOORS),
-        doors_at=dict.fromkeys(FLOORS, (Side.FRONT,)),
-        control=False,
-        capabilities=lift.capabilities,
-        poll_s=POLL_S,
-    )
+    config = front_door_config(lift, FLOORS, poll_s=POLL_S, control=False)
     bus: Bus[Event] = Bus()
     actor = Actor(lift, config, bus, MemoryRecorder())
     poll = LiftPoll(actor)
