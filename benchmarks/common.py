@@ -55,6 +55,8 @@ FORK = multiprocessing.get_context("fork")
 PICTURED = 5000
 """Measurements of one picture at the most."""
 _OTHER_FILES = 100
+POLL = frames.frame(frames.read(Table.HOLDING, 0, REGISTERS), 1)
+"""A request for the registers of a lift."""
 _POLLED = struct.pack(">HH", 0, REGISTERS)
 """First register and number of registers in a request."""
 
@@ -225,35 +227,6 @@ def controllers(count: int, beat: int, core: int | None, tls: ssl.SSLContext | N
     finally:
         server.terminate()
         server.join()
-
-
-class BareClient(asyncio.Protocol):
-    """Sends one poll and takes what comes as its answer, unchecked: the least that any client on asyncio can cost."""
-
-    _POLL = frames.frame(frames.read(Table.HOLDING, 0, REGISTERS), 1)
-
-    @classmethod
-    async def connected(cls, port: int) -> BareClient:
-        """Connect to a controller."""
-        _, client = await asyncio.get_running_loop().create_connection(cls, "127.0.0.1", port)
-        return client
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = transport
-
-    def data_received(self, data: bytes) -> None:
-        if not self._answer.done():  # the measurement is over
-            self._answer.set_result(data)
-
-    async def poll(self) -> bytes:
-        """Return the answer."""
-        self._answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
-        self._transport.write(self._POLL)  # type: ignore[attr-defined]  # a transport for writing
-        return await self._answer
-
-    def close(self) -> None:
-        """Hang up."""
-        self._transport.close()
 
 
 class _Controller(asyncio.Protocol):

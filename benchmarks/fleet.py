@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare 
 
 from benchmarks import common
 from benchmarks.common import POLL_S
+from lift_manager.runtime.ticker import BEAT_S
 
 SETTLE_S = 1.0
 READY_WITHIN_S = 20.0
@@ -111,18 +112,55 @@ async def bare_pymodbus(ports: list[int]) -> AsyncIterator[Fleet]:
 
 @contextlib.asynccontextmanager
 async def bare_asyncio(ports: list[int]) -> AsyncIterator[Fleet]:
-    """The same tasks with nothing but the bytes: what the kernel, the loop and its timers cost."""
-    answers = [b""] * len(ports)
-    clients = [await common.BareClient.connected(port) for port in ports]
+    """The same bytes and nothing else, sent by one timer for all: the least that any client on asyncio can cost."""
+    loop, over = asyncio.get_running_loop(), False
+    clients = [(await loop.create_connection(LeastClient, "127.0.0.1", port))[1] for port in ports]
+    began, beats = loop.time(), round(POLL_S / BEAT_S)
 
-    async def poll(index: int) -> bool:
-        answers[index] = await clients[index].poll()
-        return True
+    def on_beat(number: int) -> None:
+        if over:
+            return
+        now = loop.time()
+        for client in clients[number % beats :: beats]:  # spread, as the manager spreads its lifts
+            client.poll(now)
+        loop.call_at(began + (number + 1) * BEAT_S, on_beat, number + 1)
 
-    async with _polling(poll, len(ports)) as fleet:
-        yield fleet
+    def age_s(index: int) -> float | None:
+        at = clients[index].read_at
+        return None if at is None else loop.time() - at
+
+    on_beat(0)
+    yield Fleet(lambda: sum(client.answers for client in clients), age_s)
+    over = True
     for client in clients:
         client.close()
+
+
+class LeastClient(asyncio.Protocol):
+    """Sends a poll when it is told to, and takes what comes as its answer, unchecked."""
+
+    __slots__ = ("_sent_at", "_transport", "answers", "read_at")
+
+    def __init__(self) -> None:
+        self.answers = 0
+        self.read_at: float | None = None
+        """When the poll was sent whose answer came last."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self.answers += 1
+        self.read_at = self._sent_at
+
+    def poll(self, now: float) -> None:
+        """Send a poll."""
+        self._sent_at = now
+        self._transport.write(common.POLL)  # type: ignore[attr-defined]  # a transport for writing
+
+    def close(self) -> None:
+        """Hang up."""
+        self._transport.close()
 
 
 @contextlib.asynccontextmanager

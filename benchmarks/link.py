@@ -61,10 +61,37 @@ async def bare_pymodbus(port: int) -> AsyncIterator[Poll]:
     client.close()
 
 
+class BareClient(asyncio.Protocol):
+    """Sends one poll and takes what comes as its answer, unchecked."""
+
+    @classmethod
+    async def connected(cls, port: int) -> BareClient:
+        """Connect to a controller."""
+        _, client = await asyncio.get_running_loop().create_connection(cls, "127.0.0.1", port)
+        return client
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        if not self._answer.done():  # the measurement is over
+            self._answer.set_result(data)
+
+    async def poll(self) -> bytes:
+        """Return the answer."""
+        self._answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        self._transport.write(common.POLL)  # type: ignore[attr-defined]  # a transport for writing
+        return await self._answer
+
+    def close(self) -> None:
+        """Hang up."""
+        self._transport.close()
+
+
 @contextlib.asynccontextmanager
 async def bare_asyncio(port: int) -> AsyncIterator[Poll]:
     """The same bytes, and nothing checked: what the kernel, the loop and one future cost."""
-    client = await common.BareClient.connected(port)
+    client = await BareClient.connected(port)
     yield client.poll
     client.close()
 
