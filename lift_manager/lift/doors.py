@@ -16,6 +16,7 @@ from lift_manager.lift.lease import hold_ends_at, releases_at
 from lift_manager.lift.observation import (
     Observation,
     has_departed,
+    has_no_open_door,
     is_closing,
     robot_mode_granted,
 )
@@ -73,8 +74,14 @@ def may_be_crossed(config: LiftConfig, record: LiftRecord) -> bool:
     return door_is_given(config, record) or call_output.call_is_on_at_floor(record)
 
 
-def is_released_open(config: LiftConfig, record: LiftRecord) -> bool:
-    """Whether ending the session now releases a door that may be open: also one that a call keeps whose outcome is still to come."""
+def is_left_open(config: LiftConfig, record: LiftRecord, *, is_taken: bool) -> bool:
+    """Whether ending the session now leaves a door behind that its robot may think is open for it.
+
+    That is one that is held, also by a call whose outcome is still to come. Where the lift `is_taken` from its holder, who may
+    not know of it yet, it is every door that was not read shut.
+    """
+    if is_taken and record.observation is not None and not has_no_open_door(record.observation.values):
+        return True
     kept_by_call = call_output.call_keeps_door(record) and not call_output.call_is_lost(record)
     return may_be_crossed(config, record) or (record.call_has_arrived and kept_by_call)
 

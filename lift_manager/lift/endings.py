@@ -60,7 +60,8 @@ def end_session(draft: Draft, reason: EndReason, text: str, *, release: Release 
     holder, advice = session.holder, advice_now(draft)
     release = release or release_given(config, session)
     info = history.session_info(config, draft.record, session, draft.moment)
-    is_open = draft.record.released_open or doors.is_released_open(config, draft.record)
+    by_holder = reason in BY_HOLDER
+    is_open = draft.record.released_open or doors.is_left_open(config, draft.record, is_taken=not by_holder)
     draft.change(session=None, fire_release_at=None, released_open=is_open, call=None, waiting_for="")
     doors.forget_closing(draft)
     doors.release_doors(draft)
@@ -73,7 +74,6 @@ def end_session(draft: Draft, reason: EndReason, text: str, *, release: Release 
         robot_mode_output.drop_robot_mode(draft)
     elif is_used:
         robot_mode_output.keep_after_session(draft)
-    by_holder = reason in BY_HOLDER
     over = SessionOver(reason, text, None if by_holder else advice, draft.moment.clock)
     info = info.ended(history.ended_robot(draft.record, info.robot), over)
     history.archive_session(draft, session, info, over)

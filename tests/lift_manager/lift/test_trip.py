@@ -4,7 +4,7 @@ import pytest
 
 from drivers.model import OutputState, Result
 from lift_manager.lift.events import SessionEnded, SessionOpened
-from lift_manager.lift.inputs import EndSession
+from lift_manager.lift.inputs import EndSession, ForceRelease
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason
@@ -183,3 +183,22 @@ def test_a_session_that_ends_on_arrival_invites_nobody_through_the_door_that_its
     lift.read("L2", Door.OPEN, motion=Motion.STOPPED)
     assert lift.holder is None, "the car is there before its press has an outcome"
     assert lift.door is RobotDoor.MOVING
+
+
+def test_a_door_that_was_open_when_its_lift_was_taken_from_its_holder_invites_nobody_until_it_has_shut() -> None:
+    lift = PaperLift()
+    lift.called_to("L2")
+    lift.read("L3", Door.CLOSED)
+    lift.status.clear()
+    lift = lift.restarted()
+    lift.read("L3", Door.OPEN)
+    assert lift.holder == ROBOT
+    assert not lift.holds.get("hold_door.front")
+    lift.take(ForceRelease("the guard", "it blocks the lift"))
+    assert lift.holder is None
+    lift.wait(1.0)
+    assert lift.door is RobotDoor.MOVING
+    lift.read("L3", Door.CLOSED)
+    lift.read("L3", Door.OPEN)
+    lift.wait(1.0)
+    assert lift.door is RobotDoor.OPEN
