@@ -181,6 +181,16 @@ def follow_call(
     return replace(call, missing=call.missing + 1)
 
 
+def changes_of_call(call: Call, capabilities: Capabilities) -> list[float]:
+    """Return after which times `follow_call` takes the same reading otherwise, beside `arrive_within_s`."""
+    times = [call.since + capabilities.door_opens_within_s]
+    if call.failures:
+        times.append(call.since + BACKOFF_S[1])
+    if call.shut_since is not None:
+        times.append(call.shut_since + capabilities.max_age_s)
+    return times
+
+
 def may_press_call(
     call: Call, observation: Observation, capabilities: Capabilities, now: float, *, is_hold: bool = False
 ) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from drivers.model import Command, FloorName, OutputState, PressId
@@ -308,7 +308,18 @@ class LiftRecord(Value):
             return None
         return holder, self.boarding.occupancy is Occupancy.ABOARD
 
+    def renewed(self, at: float) -> LiftRecord:
+        """Return this with every hold renewed at that time."""
+        door, call = self.door_hold, self.call_output
+        return self.having(
+            door_hold=None if door is None else replace(door, renewed_at=at),
+            call_output=None if call is None else replace(call, renewed_at=at),
+            robot_mode=replace(self.robot_mode, renewed_at=at),
+            in_place=replace(self.in_place, renewed_at=at),
+            robot_left=replace(self.robot_left, renewed_at=at),
+        )
+
     @property
     def is_busy(self) -> bool:
-        """Whether every reading matters, changed or not."""
+        """Whether a reading may matter although it repeats the one before."""
         return self.session is not None or self.robot_mode.kept_until is not None or self.has_robot_left_pending

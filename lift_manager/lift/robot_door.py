@@ -44,7 +44,8 @@ def robot_door(
         return RobotDoor.MOVING
     if session is None:
         return door
-    is_held = observation.floor == session.floor and _door_was_read_while_held(config, record, moment)
+    is_read = was_read_while_held(record, moment)
+    is_held = observation.floor == session.floor and is_read and doors.door_is_held(config, record)
     is_granted = robot_mode_granted(observation, config.capabilities)
     return RobotDoor.OPEN if is_granted and is_held else RobotDoor.MOVING
 
@@ -62,11 +63,11 @@ def _invites_until(config: LiftConfig, record: LiftRecord) -> float:
     return -math.inf if record.is_stopping else invites_until(session, config)
 
 
-def _door_was_read_while_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> bool:
+def was_read_while_held(record: LiftRecord, moment: Moment) -> bool:
     """Whether the lift was read after its door was seen to be held, and had had time to obey.
 
     A door that was read open may have begun to close by its own timer before the hold reached the lift, and goes on closing until
     the lift obeys: "open" in that reading would let a robot drive at it.
     """
     since = record.door_held_since
-    return since is not None and moment.read_at > since + OBEYS_WITHIN_S and doors.door_is_held(config, record)
+    return since is not None and moment.read_at > since + OBEYS_WITHIN_S

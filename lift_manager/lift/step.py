@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from drivers.model import LiftReading, Outcome, OutputState, PressId, Result
 from lift_manager.lift import command_requests, doors, endings, handshake, operator_actions, queue, requests, restart
 from lift_manager.lift.advance import advance
-from lift_manager.lift.call import call_answered
+from lift_manager.lift.call import call_answered, changes_of_call
 from lift_manager.lift.commands import DOOR_WITHIN_S, CommandStatus, SessionInfo
 from lift_manager.lift.config import ROBOT_MODE, LiftConfig
 from lift_manager.lift.draft import Draft
@@ -50,10 +50,11 @@ from lift_manager.lift.inputs import (
 )
 from lift_manager.lift.lease import longest_until, releases_at
 from lift_manager.lift.observation import Moment, Observation, observe
+from lift_manager.lift.outputs import outputs
 from lift_manager.lift.record import DurableRecord, LiftRecord
 from lift_manager.lift.refusals import Accepted, Refused
 from lift_manager.lift.requests import SessionBegun
-from lift_manager.lift.robot_door import invites_until
+from lift_manager.lift.robot_door import invites_until, was_read_while_held
 from lift_manager.lift.session import Session
 from lift_manager.lift.trust import OPEN_FOR_S, OwnCommands, judge
 
@@ -72,6 +73,12 @@ Reply = (
 PAST_S = 0.001
 """How long after its longest age a reading is examined: the difference of two times is only approximately what it should be."""
 
+RENEWED_EVERY_S, RENEWED_SHARE = 1.0, 0.1
+"""While readings only repeat each other, holds are renewed this often, or after this share of the shortest of them if that is sooner.
+Chosen: one step a second costs little beside the polls, and a lift that is not read any more loses a tenth of its hold at most."""
+
+_ON = (OutputState.ON, OutputState.HELD)
+
 
 @dataclass(frozen=True, slots=True)
 class Step:
@@ -86,13 +93,15 @@ class Step:
     """Published before the holds of this record are declared: robots learn of a fire first."""
     wake_at: float = math.inf
     """The next moment at which anything changes without another input; a `Tick` is due then."""
+    steady_until: float = -math.inf
+    """Until then a reading that repeats the observation of `record` need not be stepped; minus infinity if the next one has to be."""
 
 
 def start(config: LiftConfig, durable: DurableRecord, moment: Moment) -> Step:
     """Return the first record of a process, from what outlived the one before. Called before the lift is read."""
     draft = Draft(config, LiftRecord(durable=durable), moment)
     restart.restore(draft)
-    return _finish(draft, LiftRecord(durable=durable), None)
+    return _finish(draft, LiftRecord(durable=durable), None, is_read=False)
 
 
 def step(config: LiftConfig, record: LiftRecord, happened: Input, moment: Moment) -> Step:
@@ -103,24 +112,25 @@ def step(config: LiftConfig, record: LiftRecord, happened: Input, moment: Moment
     reply = _take(draft, happened)
     if isinstance(reply, Refused):
         reply = blocking_values(config, record, reply, moment)
-    return _finish(draft, record, reply)
-
-
-def settled_observation(record: LiftRecord) -> Observation | None:
-    """Return the observation that a reading may repeat without being news; None where every reading is."""
-    observation = record.observation
-    is_settled = observation is not None and observation.is_settled and not record.fault and not record.is_busy
-    return observation if is_settled else None
+    return _finish(draft, record, reply, is_read=isinstance(happened, Reading))
 
 
 def is_repetition(
-    config: LiftConfig, settled: Observation | None, reading: LiftReading, *, read_at: float, now: float
+    config: LiftConfig,
+    known: Observation | None,
+    reading: LiftReading,
+    *,
+    steady_until: float,
+    read_at: float,
+    now: float,
 ) -> bool:
-    """Whether a reading repeats the `settled_observation`, in time: it need not be stepped. Most do, and every poll calls this.
+    """Whether a reading repeats what is `known`, in time: it need not be stepped. Most do, and every poll calls this.
 
-    `read_at` is that of the reading before.
+    `steady_until` is that of the newest step, and `read_at` that of the reading before.
     """
-    if settled is None or reading.values is not settled.values or reading.epoch != settled.epoch or reading.notices:
+    if known is None or now >= steady_until or reading.values is not known.values:
+        return False
+    if reading.epoch != known.epoch or reading.notices:
         return False
     capabilities = config.capabilities
     return reading.at <= fresh_until(capabilities, read_at) and now <= fresh_until(capabilities, reading.at)
@@ -138,7 +148,8 @@ def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, momen
 def _note_commit(config: LiftConfig, record: LiftRecord, commit: Committed, moment: Moment) -> Step:
     """Take the answer of the store. Nothing follows from it but that what waited for it may leave, which is in a hurry."""
     after = record.having(committed=max(record.committed, commit.sequence), disk_trouble="")
-    return Step(after, wake_at=next_change(config, after, moment))
+    steady_until = _steady_until(config, record, after, moment, is_read=False)
+    return Step(after, wake_at=next_change(config, after, moment), steady_until=steady_until)
 
 
 def _take(draft: Draft, happened: Request | OperatorAction | News) -> Reply | None:
@@ -216,7 +227,7 @@ def _take_change(
             pass
 
 
-def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
+def _finish(draft: Draft, before: LiftRecord, reply: Reply | None, *, is_read: bool) -> Step:
     restart.save(draft)
     config, record = draft.config, _note_door_held(draft.config, draft.record, draft.moment)
     if record.queue.requested_at:
@@ -224,7 +235,8 @@ def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
     if record.durable is not before.durable or draft.actions or draft.events:
         record = record.having(sequence=record.sequence + 1)
     wake_at = next_change(config, record, draft.moment)
-    return Step(record, tuple(draft.actions), reply, tuple(draft.events), wake_at)
+    steady_until = _steady_until(config, before, record, draft.moment, is_read=is_read)
+    return Step(record, tuple(draft.actions), reply, tuple(draft.events), wake_at, steady_until)
 
 
 # -- readings
@@ -346,8 +358,13 @@ def next_change(config: LiftConfig, record: LiftRecord, moment: Moment) -> float
 
     A reading that repeats the one before (`is_repetition`) moves it without a step.
     """
+    times, now = [*_changes(config, record), *_changes_of_reading(config, record, moment)], moment.now
+    return min([at for at in times if at > now], default=math.inf)
+
+
+def _changes(config: LiftConfig, record: LiftRecord) -> list[float]:
+    """Return when anything changes, whatever the newest reading is."""
     times = [queue.next_lapse(record.queue)]
-    times += _changes_of_reading(config, record, moment)
     if record.fire_release_at is not None:
         times.append(record.fire_release_at)
     if record.robot_mode.kept_until is not None:
@@ -356,8 +373,7 @@ def next_change(config: LiftConfig, record: LiftRecord, moment: Moment) -> float
         times.append(record.robot_left.call.not_before)
     if record.session is not None:
         times += _changes_of_session(config, record, record.session)
-    now = moment.now
-    return min([at for at in times if at > now], default=math.inf)
+    return times
 
 
 def _changes_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) -> list[float]:
@@ -390,4 +406,51 @@ def _changes_of_session(config: LiftConfig, record: LiftRecord, session: Session
     for entry in record.commands:
         if entry.pending is not None and entry.pending.due_since is not None:
             times.append(entry.pending.due_since + DOOR_WITHIN_S)
+    return times
+
+
+# -- how long readings may repeat each other
+
+
+def _steady_until(config: LiftConfig, before: LiftRecord, after: LiftRecord, moment: Moment, *, is_read: bool) -> float:
+    """Return until when readings that repeat the newest one need not be stepped. `is_read` means that a reading led from `before`.
+
+    An idle lift is steady for as long as they do. One that is held is if the step of its reading has changed nothing but how long
+    its holds last: then the next one would do no more, until time changes something or the holds have to be renewed.
+    """
+    observation = after.observation
+    if observation is None or not observation.is_settled or after.fault:
+        return -math.inf
+    if not after.is_busy:
+        return math.inf
+    if not is_read or not _only_waits(after, moment) or after.renewed(0.0) != before.renewed(0.0):
+        return -math.inf
+    holds = outputs(config, after)
+    if not all(after.status(command) in _ON for command in holds):
+        return -math.inf  # one that is off may be tried again with every declaration
+    shortest_s = min((config.capabilities.max_hold_s.get(one.name, math.inf) for one in holds), default=math.inf)
+    times = [*_changes(config, after), *_changes_at_reading(config, after), *(hold.until for hold in holds.values())]
+    renewed_by = moment.read_at + min(RENEWED_EVERY_S, RENEWED_SHARE * shortest_s)
+    # a rule may apply only after its moment, and not at it
+    return min([renewed_by, *(at for at in times if at >= moment.now - PAST_S)])
+
+
+def _only_waits(record: LiftRecord, moment: Moment) -> bool:
+    """Whether the session only waits for its holder, or for the lift to do what it has taken."""
+    session, call = record.session, record.call
+    if session is None or session.is_ending or record.is_stopping or record.fire_release_at is not None:
+        return False
+    # what is not pressed may wait for the disk, and that the disk is well again is noticed with a step
+    if record.presses or record.disk_trouble or call is None or not call.was_pressed:
+        return False
+    # a door that is held invites the robot with the first reading from after that
+    return record.door_held_since is None or was_read_while_held(record, moment)
+
+
+def _changes_at_reading(config: LiftConfig, record: LiftRecord) -> list[float]:
+    """Return when a reading changes something that the same reading did not change before."""
+    session, call = record.session, record.call
+    times = [] if call is None else changes_of_call(call, config.capabilities)
+    if session is not None and session.restored_at is not None:
+        times.append(session.restored_at + session.policy.clear_s)
     return times

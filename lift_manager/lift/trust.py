@@ -219,7 +219,8 @@ def judge(
         and (bool(trust.distrust) or not (shut_here or opened_at is not None)),
         alarms=(*doors_alarms, *trips_alarms, *calls_alarms),
         pending=any(run.from_rest and (step.travels or run.elsewhere) and not run.alarmed for run in runs.values())
-        or (opened_at is not None and not trust.door_proven and at - opened_at < OPEN_FOR_S),
+        or (opened_at is not None and not trust.door_proven and at - opened_at < OPEN_FOR_S)
+        or (trip is not None and trip.rests is not None and not trip.over),
     )
 
 

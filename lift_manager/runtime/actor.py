@@ -50,7 +50,6 @@ from lift_manager.lift.step import (
     is_repetition,
     next_change,
     note_outputs,
-    settled_observation,
     start,
     step,
 )
@@ -88,12 +87,13 @@ class LiftActor:
         "_clock",
         "_has_begun",
         "_is_taking",
+        "_known",
         "_lasting",
         "_published",
         "_published_of",
         "_read_at",
         "_recorder",
-        "_settled",
+        "_steady_until",
         "_stepped_at",
         "config",
         "driver",
@@ -132,8 +132,9 @@ class LiftActor:
         self._clock = clock or wall_clock()
         self._read_at = -math.inf
         """Monotonic seconds; no signal of the lift is older than this."""
-        self._settled: Observation | None = None
-        """What readings may repeat without being news, by the newest record."""
+        self._known: Observation | None = None
+        """The observation of the newest record, and until when readings may repeat it without being news."""
+        self._steady_until = -math.inf
         self._stepped_at = _NEVER
         """When the step was that made this record."""
         self._has_begun = self._is_taking = False
@@ -174,7 +175,9 @@ class LiftActor:
 
     def take_repetition(self, reading: LiftReading, now: float) -> bool:
         """Take a poll without news, which costs almost nothing. Returns False, and takes nothing, if there is news."""
-        is_repeated = is_repetition(self.config, self._settled, reading, read_at=self._read_at, now=now)
+        is_repeated = is_repetition(
+            self.config, self._known, reading, steady_until=self._steady_until, read_at=self._read_at, now=now
+        )
         if not is_repeated or self.inbox:
             return False
         self._read_at = reading.at
@@ -292,7 +295,7 @@ class LiftActor:
     def _carry_out(self, done: Step, moment: Moment, happened: Input | None = None) -> None:
         """Assign the record, publish, and then declare, press and write down what follows from it."""
         before, self.record, self._stepped_at = self.record, done.record, moment
-        self._settled = settled_observation(done.record)
+        self._known, self._steady_until = done.record.observation, done.steady_until
         self.journal.call(before.call, done.record.call)
         for event in done.events:
             self.publish(event)

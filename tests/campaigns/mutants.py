@@ -309,8 +309,8 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/lift/robot_door.py",
-                "since is not None and moment.read_at > since + OBEYS_WITHIN_S and",
-                "since is not None and",
+                "return since is not None and moment.read_at > since + OBEYS_WITHIN_S",
+                "return since is not None",
             ),
         ),
     ),
@@ -356,6 +356,17 @@ MUTANTS: tuple[Mutant, ...] = (
         campaign=RMF,
     ),
     Mutant(
+        "renewal of a hold while nothing changes",
+        (
+            Edit(
+                "lift_manager/lift/step.py",
+                "    return min([renewed_by, *(at for at in times if at >= moment.now - PAST_S)])\n",
+                "    return min((at for at in times if at >= moment.now - PAST_S and at not in (\n"
+                "        hold.until for hold in holds.values())), default=renewed_by)\n",
+            ),
+        ),
+    ),
+    Mutant(
         "end of a hold behind an open door",
         (
             Edit(
@@ -367,8 +378,8 @@ MUTANTS: tuple[Mutant, ...] = (
             ),
             Edit(
                 "lift_manager/lift/robot_door.py",
-                "moment.read_at > since + OBEYS_WITHIN_S and doors.door_is_held(config, record)",
-                "moment.read_at > since + OBEYS_WITHIN_S",
+                "and is_read and doors.door_is_held(config, record)",
+                "and is_read",
             ),
         ),
     ),

@@ -39,7 +39,7 @@ from lift_manager.lift.refusals import Accepted, Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState, state
-from lift_manager.lift.step import Reply, Step, is_repetition, settled_observation, start, step
+from lift_manager.lift.step import Reply, Step, is_repetition, start, step
 from lift_manager.lift.trust import Trust
 from register_maps.words import Door, Mode, Motion, Side
 
@@ -170,7 +170,7 @@ class PaperLift:
         self._did(step(self.config, self.record, happened, self.moment))
         if isinstance(happened, Reading):
             self.read_at = happened.reading.at
-        if self.commits and not isinstance(happened, Committed):
+        if self.commits and self.record.sequence > self.record.committed:
             self._did(step(self.config, self.record, Committed(self.record.sequence), self.moment), replies=False)
         return self.newest.reply
 
@@ -195,8 +195,8 @@ class PaperLift:
 
     def repeats(self, reading: LiftReading) -> bool:
         """Whether a reading need not be stepped."""
-        settled = settled_observation(self.record)
-        return is_repetition(self.config, settled, reading, read_at=self.read_at, now=self.now)
+        known, steady_until = self.record.observation, self.newest.steady_until
+        return is_repetition(self.config, known, reading, steady_until=steady_until, read_at=self.read_at, now=self.now)
 
     def wait(self, seconds: float) -> None:
         """Let time pass, with a reading every half second if the lift can be read, and a tick when one is due."""

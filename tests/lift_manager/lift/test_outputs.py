@@ -17,15 +17,14 @@ def test_holds_fall_by_themselves_when_no_reading_comes() -> None:
     lift = PaperLift(replace(PLAIN, max_hold_s={"hold_door.front": 30.0}))
     lift.called_to("L2")
     lift.now += 5.0
-    assert lift.holds["hold_door.front"].until == lift.read_at + 30.0
+    assert lift.read_at + 29.0 <= lift.holds["hold_door.front"].until <= lift.read_at + 30.0
 
 
 def test_a_held_call_is_renewed_only_while_its_door_is_held() -> None:
     lift = PaperLift(replace(HANDSHAKE, max_hold_s={"call": 300.0}))
     lift.called_to("L2")
-    before = lift.holds["call"].until
-    lift.wait(3.0)
-    assert lift.holds["call"].until == before + 3.0
+    lift.wait(60.0)
+    assert lift.read_at + 299.0 <= lift.holds["call"].until <= lift.read_at + 300.0
 
 
 def test_a_call_that_the_controller_lost_is_not_pressed_again_by_itself() -> None:
