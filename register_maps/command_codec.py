@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from register_maps.points import Block, Image, Point
+from register_maps.points import Block, Cell, Image, Point
 from register_maps.schema import CALLS, Command
 from register_maps.signal_codec import Locate, floor_entry, from_bcd, highest_bcd, swap_bytes, to_bcd
 from register_maps.words import BIT_TABLES, Table
+
+Stamp = tuple[tuple[Cell, int, int], ...]
+"""What a command puts into its cells: each cell with the bits that it leaves alone, and those that it sets."""
 
 Written = tuple[Block, int, float | None]
 """A block that is always written as a whole: (block, function, seconds of its cycle if it has one)."""
@@ -31,6 +34,8 @@ class CommandCodec:
     """It occupies some bits of a register in which others write too."""
     shows_lamp: bool = False
     """The controller shows its answer at the same points: they read what is registered, not what we write."""
+    _stamps: dict[int | None, Stamp] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """Those of every code so far, except of a heartbeat, which has too many."""
 
     @property
     def endpoint(self) -> str:
@@ -61,6 +66,14 @@ class CommandCodec:
         value = self._value(code)
         return {point: (swap_bytes(value & 0xFFFF) if spec.byte_order == "low_first" else value) & point.mask}
 
+    def stamp(self, code: int | None) -> Stamp:
+        """Return what `encode` returns, as it is put into the cells of its points."""
+        if (known := self._stamps.get(code)) is None:
+            known = stamp(self.encode(code))
+            if not self.spec.is_heartbeat:
+                self._stamps[code] = known
+        return known
+
     def _value(self, code: int | None) -> int:
         """Return what its one point holds, as its source counts it."""
         spec = self.spec
@@ -87,6 +100,11 @@ class CommandCodec:
         if spec.as_ is not None:
             return from_bcd(value) if spec.code == "bcd" else value
         return 1 if spec.payload is not None or value == spec.on else None
+
+
+def stamp(values: Mapping[Point, int]) -> Stamp:
+    """Return values of points as they are put into their cells."""
+    return tuple((point.cell, ~(point.mask << point.low), point.into(0, value)) for point, value in values.items())
 
 
 def payload_counts(spec: Command) -> int:

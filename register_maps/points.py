@@ -92,4 +92,4 @@ class Block:
     @property
     def cells(self) -> tuple[Cell, ...]:
         """Every address in it."""
-        return tuple((self.endpoint, self.table, address) for address in range(self.start, self.start + self.count))
+        return tuple([(self.endpoint, self.table, address) for address in range(self.start, self.start + self.count)])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from drivers.modbus.output import Beat, Cells, Output, put_values
+from drivers.modbus.output import Beat, Cells, Output, put
 from drivers.modbus.steps import Phase, Step, StepKind
-from register_maps.codec import Block, Cell, CommandCodec, Point
-from register_maps.command_codec import Written
+from register_maps.codec import Block, Cell, CommandCodec
+from register_maps.command_codec import Stamp, Written
 
 _BUSY = (Phase.ON, Phase.LEAVING)
 
@@ -19,7 +19,7 @@ class Image:
         """Read the current state of these outputs and beats; `written` are the blocks of the map."""
         self._outputs = outputs
         self._beats = beats
-        self.claim: Mapping[Point, int] = {}
+        self.claim: Stamp = ()
         """What each write carries where the controller decides whom it obeys."""
         self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
         """All our cells with nothing pressed."""
@@ -27,19 +27,19 @@ class Image:
         """What `others_in_cells` has found, which the map alone decides."""
         codecs = [output.codec for output in outputs.values()] + [beat.codec for beat in beats.values()]
         for codec in codecs:
-            put_values(self._resting, codec.encode(None))
+            put(self._resting, codec.stamp(None))
 
     def cells(self, step: Step, without: Collection[str]) -> Cells:
         """Return our cells with a step applied; of the other outputs only those that are on are pressed, except `without`."""
         image = dict(self._resting)
         for beat in self._beats.values():
-            put_values(image, beat.codec.encode(beat.count or None))
+            put(image, beat.codec.stamp(beat.count or None))
         for name, output in self._outputs.items():
             if output.is_asserted and name not in without:
-                put_values(image, output.codec.encode(output.code))
+                put(image, output.codec.stamp(output.code))
         if step.block is None:
-            put_values(image, self._codec(step).encode(step.code))
-        put_values(image, self.claim)
+            put(image, self._codec(step).stamp(step.code))
+        put(image, self.claim)
         return image
 
     def covered_cells(self, step: Step) -> list[Cell]:

@@ -263,7 +263,10 @@ class ModbusLift:
         self._presses.begin(given)
         now = asyncio.get_running_loop().time()
         self._outputs.press(name, code, now, press=press, leave_by=leave_by)
-        self._on_outputs_changed()
+        if self._begun is None or self._begun.answer is None:
+            self._worker.begin()
+        else:
+            self._on_outputs_changed()  # it is judged by the answer that is here already
 
     def cancel(self, press: PressId) -> None:
         """Cancel a press."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drivers.modbus.steps import Phase
 from drivers.model import PressId
 from register_maps.codec import Block, Cell, CommandCodec, Point
-from register_maps.command_codec import Written
+from register_maps.command_codec import Stamp, Written
 from register_maps.schema import Command
 
 RETRY_S = 0.2
@@ -428,9 +428,9 @@ def period_s(codec: CommandCodec, written: Sequence[Written]) -> float:
     return min((every_s for every_s in (*own, *cycles) if every_s is not None), default=math.inf)
 
 
-def put_values(image: dict[Cell, int], values: Mapping[Point, int]) -> None:
-    for point, value in values.items():
-        image[point.cell] = point.into(image.get(point.cell, 0), value)
+def put(image: dict[Cell, int], stamp: Stamp) -> None:
+    for cell, others, bits in stamp:
+        image[cell] = image.get(cell, 0) & others | bits
 
 
 def read_values(codec: CommandCodec, cells: Cells) -> Iterator[tuple[Point, int]]:

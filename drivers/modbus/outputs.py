@@ -7,7 +7,7 @@ permission. A press is tried once. A hold may be written again within its limit:
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from drivers.modbus.image import Image
 from drivers.modbus.output import (
@@ -25,7 +25,7 @@ from drivers.modbus.steps import READ_ONLY_KINDS, Phase, Step, StepKind
 from drivers.model import Hold, PressId
 from register_maps.arbitration import NO_CLAIM, ArbitrationCodec, Claim, claim_alone
 from register_maps.codec import Cell, CommandCodec
-from register_maps.command_codec import Written
+from register_maps.command_codec import Written, stamp
 
 
 class Outputs:
@@ -56,6 +56,7 @@ class Outputs:
         ]
         self._image = Image(self._outputs, self._beats, written)
         self._arbitration = arbitration
+        self._is_one_device = self.endpoints == ("",)
         self.set_claim(claim_alone(NO_CLAIM))
 
     def __contains__(self, name: str) -> bool:
@@ -64,7 +65,7 @@ class Outputs:
     def set_claim(self, claim: Claim) -> None:
         """Let every write from now on carry this claim, where the map has a place for it."""
         if self._arbitration is not None:
-            self._image.claim = self._arbitration.encode(claim)
+            self._image.claim = stamp(self._arbitration.encode(claim))
 
     def press(
         self, name: str, code: int | None, now: float, *, press: PressId | None = None, leave_by: float = math.inf
@@ -265,8 +266,10 @@ class Outputs:
             output.echoed, output.try_at = True, now
         return output.echoed
 
-    def _at(self, endpoint: str) -> Iterator[tuple[str, Output]]:
-        """Return the outputs that are written to one device."""
+    def _at(self, endpoint: str) -> Iterable[tuple[str, Output]]:
+        """Return the outputs that are written to one device: mostly all of them."""
+        if self._is_one_device:
+            return self._outputs.items()
         return ((name, output) for name, output in self._outputs.items() if output.codec.endpoint == endpoint)
 
     def _other_due(self, now: float, endpoint: str) -> Step | None:

@@ -33,6 +33,8 @@ def blocks_in_order(command: CommandCodec, step: Step, cells: Mapping[Cell, int]
         code = step.was if step.code is None else step.code
         pressed = {point.cell for point, value in command.encode(code).items() if value}
         pairs = [pair for pair in pairs if not pressed.isdisjoint(pair[0].cells)]
+    if len(pairs) == 1:
+        return pairs
     return sorted(pairs, key=lambda pair: any(cells[cell] for cell in pair[0].cells))
 
 
@@ -49,7 +51,7 @@ def block_request(
 
 def block_write(block: Block, function: int, cells: Mapping[Cell, int], unit: int) -> Request:
     """Return the write of a block with the values of `cells`. `function` is 5, 6, 15 or 16."""
-    return _write(function, block.start, tuple(cells[cell] for cell in block.cells), unit)
+    return _write(function, block.start, tuple([cells[cell] for cell in block.cells]), unit)
 
 
 @lru_cache(1024)

@@ -11,7 +11,7 @@ from lift_manager.lift.events import Alarm, Event
 from lift_manager.lift.freshness import is_fresh
 from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, Cancel, Press
 from lift_manager.lift.observation import Moment, Observation
-from lift_manager.lift.record import DurableRecord, LiftRecord, PendingPress
+from lift_manager.lift.record import LiftRecord, PendingPress
 from lift_manager.lift.session import Holder, Session
 
 
@@ -39,13 +39,18 @@ class Draft:
 
     def change(self, **fields: Any) -> None:
         """Go on with another record. The names are those of `LiftRecord`; the rules' tests see to the rest."""
-        if _differ(self.record, fields):
-            self.record = self.record.having(**fields)
+        known = vars(self.record)
+        for name, value in fields.items():
+            # most changes of a step are none, and a copy costs more than this
+            if known[name] is not value and known[name] != value:
+                self.record = self.record.having(**fields)
+                return
 
     def change_durable(self, **fields: Any) -> None:
         """Continue with a record whose durable part has changed."""
-        if _differ(self.record.durable, fields):
-            self.record = self.record.having(durable=replace(self.record.durable, **fields))
+        durable = self.record.durable
+        if any(getattr(durable, name) != value for name, value in fields.items()):
+            self.record = self.record.having(durable=replace(durable, **fields))
 
     def emit(self, event: Event) -> None:
         """Publish an event once this step is done."""
@@ -77,12 +82,3 @@ class Draft:
         self.actions += [Cancel(one) for one in ids]
         if gone:
             self.change(presses=tuple(pending for pending in self.record.presses if pending not in gone))
-
-
-def _differ(before: LiftRecord | DurableRecord, fields: dict[str, Any]) -> bool:
-    """Whether any of these is another value: most changes of a step are none, and a copy costs more than this."""
-    for name, value in fields.items():
-        known = getattr(before, name)
-        if known is not value and known != value:
-            return True
-    return False

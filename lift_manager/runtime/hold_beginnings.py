@@ -90,6 +90,11 @@ class Holds:
         self.declared = after
         return tuple(beginnings)
 
+    @property
+    def has_waiting(self) -> bool:
+        """Whether any beginning waits for the disk, or was there now."""
+        return bool(self._waiting)
+
     def handed_over(self, commit: int) -> None:
         """Record under which number the beginnings that `update` returned are committed."""
         for waiting in self._waiting.values():

@@ -67,17 +67,19 @@ class LiftOutputs:
         After a commit that was `not_recorded` the rules have ended its presses already.
         """
         presses = self._take_actions(actions, not_recorded=not_recorded)
-        for pending in record.presses:
-            if pending.sequence <= record.committed and (press := self._waiting.get(pending.id)) is not None:
-                self._sent[press.id] = press.command
-                self._driver.press(press.id, press.command, press.leave_by)
-                del self._waiting[press.id]  # only now: that the driver has it is no news, since it counts as requested
+        committed = [pending.id for pending in record.presses if pending.sequence <= record.committed]
+        leaving = [press for one in committed if (press := self._waiting.get(one)) is not None]
+        if not self._holds.has_waiting:
+            self._send(leaving)  # a commit releases nothing, and the rest of this may follow the bytes
+            leaving = []
         # what is released by its own time, because the lift is not read, begins again only once it is renewed
         requested = {one: hold for one, hold in outputs(self._config, record).items() if hold.until > moment.now}
         before = self._holds.declared
-        beginnings = self._holds.update(requested, self._waiting_names, may_begin=not record.disk_trouble)
+        pressed = self._waiting_names.difference(press.command.name for press in leaving)
+        beginnings = self._holds.update(requested, pressed, may_begin=not record.disk_trouble)
         if self._holds.declared != before:
             self._driver.declare(self._holds.declared)
+        self._send(leaving)  # behind the holds that begin with the same commit, such as robot mode
         rows = [(press.holder, press.command, False) for press in presses]
         rows += [(record.holder, one.command, one.again) for one in beginnings]
         if rows:
@@ -132,6 +134,12 @@ class LiftOutputs:
                         outcome = Outcome(gone.command, Result.REJECTED, NOT_SENT, press=press)
                         self._inbox.put(PressEnded(press, outcome))
         return [press for press in presses if press.id in self._waiting]
+
+    def _send(self, presses: Iterable[Press]) -> None:
+        for press in presses:
+            self._sent[press.id] = press.command
+            self._driver.press(press.id, press.command, press.leave_by)
+            del self._waiting[press.id]  # only now: that the driver has it is no news, since it counts as requested
 
     def _has_ended_by_itself(self, press: PressId) -> bool:
         """Whether no part of a press is left to be released: it is a pulse, and only its outcome is still to come."""
