@@ -28,7 +28,7 @@ from lift_manager.cli.keys import check_name, current_user, keep_to_owner, key_l
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.tls_options import Ca, tls_context
-from lift_manager.config.tls import EXPIRY_WARNING
+from lift_manager.config.certificates import EXPIRY_WARNING
 from lift_manager.hub.commands import read_action
 from lift_manager.hub.connection import require_nats
 from lift_manager.hub.errors import FolderUnusable, HubError, NatsMissing, SiteRefused

@@ -39,8 +39,8 @@ from pydantic_core import PydanticCustomError
 
 from drivers.own_files import is_shared, open_own, read_own, replace_file
 from lift_manager.api.fields import first_mistake
+from lift_manager.config.certificates import certificates_in
 from lift_manager.config.site import HUB_SITE_ID, Host, Port
-from lift_manager.config.tls import certificates_in
 from lift_manager.hub import subjects
 from lift_manager.hub.connection import client_context
 from lift_manager.hub.errors import FolderUnusable

@@ -47,6 +47,10 @@ def test_a_manager_without_a_hub_loads_nothing_of_it(loaded: dict[str, list[str]
     assert [name for name in loaded["alone"] if name.startswith("lift_manager.hub")] == []
 
 
+def test_a_manager_without_a_hub_loads_nothing_that_reads_certificates(loaded: dict[str, list[str]]) -> None:
+    assert [name for name in loaded["alone"] if name.partition(".")[0] == "cryptography"] == []
+
+
 def test_a_site_of_a_hub_that_takes_no_updates_loads_nothing_of_them(loaded: dict[str, list[str]]) -> None:
     assert [name for name in loaded["site of a hub"] if name.startswith("lift_manager.hub.update")] == []
 
