@@ -1,4 +1,4 @@
-"""Without the extra `[hub]`: nothing of the product loads nats-py, and a site with a hub says what to install."""
+"""What nobody asked for is not loaded: nats-py and etcd; and without the extra `[hub]`, a site with a hub says what to install."""
 
 import json
 import subprocess
@@ -10,11 +10,14 @@ import yaml
 
 from lift_manager.hub.nats_server import NatsServerMissing, find_program
 from tests.lift_manager.config.site_files import GENERIC
+from tests.support.programs import running_script
 
 LOADS = """
 import json, sys
-import lift_manager.app, lift_manager.cli.serve
-loaded = {"alone": list(sys.modules)}
+import lift_manager.cli.serve
+loaded = {"command": list(sys.modules)}
+import lift_manager.app
+loaded["alone"] = list(sys.modules)
 import lift_manager.hub.site_face
 loaded["site of a hub"] = list(sys.modules)
 import lift_manager.cli.hub, lift_manager.hub.web, lift_manager.cli.check
@@ -43,6 +46,10 @@ def test_no_command_loads_it_before_it_is_needed(loaded: dict[str, list[str]]) -
     assert [name for name in loaded["everything"] if name.partition(".")[0] == "nats"] == []
 
 
+def test_a_manager_that_is_alone_loads_no_client_of_etcd(loaded: dict[str, list[str]]) -> None:
+    assert {"httpx", "lift_manager.takeover", "lift_manager.cluster.etcd"}.isdisjoint(loaded["command"])
+
+
 def test_a_manager_without_a_hub_loads_nothing_of_it(loaded: dict[str, list[str]]) -> None:
     assert [name for name in loaded["alone"] if name.startswith("lift_manager.hub")] == []
 
@@ -64,16 +71,10 @@ def test_a_command_that_needs_it_says_what_to_install(tmp_path: Path, command: s
     site = yaml.safe_load(GENERIC) | {"hub": {"site": "a", "password": "password"}, "state": "kept"}
     (tmp_path / "site.yaml").write_text(yaml.safe_dump(site))
     words = {"serve": ["serve", "site.yaml", "--port", "0"], "hub": ["hub"]}[command]
-    ended = subprocess.run(
-        [sys.executable, "-c", WITHOUT, str(tmp_path), *words],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 2, ended.stderr
-    assert "it does not load (No module named nats)" in ended.stderr
-    assert "extra `hub`: pip install '.[hub]'" in ended.stderr
+    with running_script(WITHOUT, tmp_path, *words, cwd=tmp_path) as program:
+        assert program.ended() == 2, program.err
+        assert "it does not load (No module named nats)" in program.err
+        assert "extra `hub`: pip install '.[hub]'" in program.err
 
 
 def test_a_server_that_is_not_there_is_named_with_where_to_get_it() -> None:

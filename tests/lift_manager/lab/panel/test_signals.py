@@ -14,7 +14,7 @@ from tests.support.virtual_time import elapse, run_virtual
 
 PAGE = ROOT / "docs" / "how-to" / "the-panel.md"
 MAPS = sorted(path.stem for path in (ROOT / "register_maps" / "maps").glob("*.yaml"))
-LOOKS, LOOK_S = 120, 0.25
+LOOKS, LOOK_S = 60, 0.5
 """Half a minute: a car that is called travels past some floors, and stands open."""
 
 
@@ -45,9 +45,9 @@ async def observed(lift: PanelLift) -> dict[str, set[str | None]]:
         await look(LOOKS)
     for change in changes(lift):
         lift.controls.set_inputs(change)
-        await look(8)
+        await look(4)
         lift.reset()
-        await look(8)
+        await look(4)
     return found
 
 
