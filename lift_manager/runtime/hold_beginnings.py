@@ -118,9 +118,8 @@ class Holds:
 
     def shown(self, pressed: Collection[str]) -> Outputs:
         """Return the state of every output as the rules know it: what waits for the disk is requested."""
-        return {
-            name: self.shown_of(name, pressed) for name in {**self.states, **self._waiting, **dict.fromkeys(pressed)}
-        }
+        lost = [name for name, state in self.states.items() if state is OutputState.LOST]
+        return {**self.states, **{name: self.shown_of(name, pressed) for name in (*lost, *self._waiting, *pressed)}}
 
     def shown_of(self, name: str, pressed: Collection[str]) -> OutputState:
         """Return the same for one output.

@@ -50,6 +50,8 @@ class LiftOutputs:
         self._holds = Holds()
         self._waiting: dict[PressId, Press] = {}
         """Presses that are not with the driver yet."""
+        self._waiting_names: frozenset[str] = frozenset()
+        """The names of their commands."""
         self._sent: dict[PressId, Command] = {}
         """Presses that are with the driver, without an outcome."""
         self._commits = 0
@@ -88,6 +90,7 @@ class LiftOutputs:
     def cancel_all(self) -> None:
         """Take back every press that has no outcome."""
         self._waiting.clear()
+        self._waiting_names = frozenset()
         for press in tuple(self._sent):
             self._driver.cancel(press)
 
@@ -113,10 +116,6 @@ class LiftOutputs:
 
     # -- what waits for the disk
 
-    @property
-    def _waiting_names(self) -> frozenset[str]:
-        return frozenset(press.command.name for press in self._waiting.values())
-
     def _take_actions(self, actions: Iterable[Action], *, not_recorded: bool) -> list[Press]:
         """Take presses and cancels in their order; return the presses that have to be written down."""
         presses = []
@@ -124,12 +123,14 @@ class LiftOutputs:
             match action:
                 case Press():
                     self._waiting[action.id] = action
+                    self._note_waiting()
                     presses.append(action)
                 case Cancel(press) if press not in self._waiting:
                     if not self._has_ended_by_itself(press):
                         self._driver.cancel(press)
                 case Cancel(press):
                     gone = self._waiting.pop(press)
+                    self._note_waiting()
                     if not not_recorded:
                         outcome = Outcome(gone.command, Result.REJECTED, NOT_SENT, press=press)
                         self._inbox.put(PressEnded(press, outcome))
@@ -140,6 +141,10 @@ class LiftOutputs:
             self._sent[press.id] = press.command
             self._driver.press(press.id, press.command, press.leave_by)
             del self._waiting[press.id]  # only now: that the driver has it is no news, since it counts as requested
+            self._note_waiting()
+
+    def _note_waiting(self) -> None:
+        self._waiting_names = frozenset([press.command.name for press in self._waiting.values()])
 
     def _has_ended_by_itself(self, press: PressId) -> bool:
         """Whether no part of a press is left to be released: it is a pulse, and only its outcome is still to come."""
