@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from drivers.errors import DriverError
@@ -99,7 +99,7 @@ class ForeignWriteCheck:
         """Starts and ends of our writes, counted together: odd while a write is under way."""
         self._quiet: dict[str, tuple[int, float]] = {}
         """Outputs that somebody else writes: the looks since the last difference, and its time."""
-        self._fights: set[str] = set()
+        self._fights: Collection[str] = ()
         """Holds that are dropped too often, and were reported for it."""
         self.notices: list[_TimedNotice] = []
         """Notices that wait for a reading, oldest first."""
@@ -248,16 +248,16 @@ class ForeignWriteCheck:
 
     def report_fights(self) -> None:
         """Report each hold that is dropped too often, once until it is released."""
-        self._fights = {name for name in self._fights if self._outputs.output(name).dropped_at}
+        known = {name for name in self._fights if self._outputs.output(name).dropped_at}
         fights = {name for name in self._outputs.names if self._outputs.output(name).is_yielding}
-        for name in sorted(fights - self._fights):
+        for name in sorted(fights - known):
             self.notices.append(
                 _TimedNotice(
                     f"{self._printed(name)} was released {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
                     f" else; it is pressed again once in {FIGHT_S:g} s at most: find out who else writes there"
                 )
             )
-        self._fights |= fights
+        self._fights = tuple(known | fights)
 
     def _printed(self, name: str) -> str:
         return f"{name} at {', '.join(self._outputs.output(name).spec.addresses)}"
