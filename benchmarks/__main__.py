@@ -58,7 +58,7 @@ class Benchmark:
 
 
 BENCHMARKS = (
-    Benchmark("startup", ("--rounds", "1", "--lifts", "2")),
+    Benchmark("startup", ("--rounds", "1", "--lifts", "2", "--settle", "0")),
     Benchmark("link", ("--rounds", "1", "--polls", "10", "--beat", "2")),
     Benchmark(
         "fleet",

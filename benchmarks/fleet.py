@@ -208,13 +208,13 @@ CONTESTANTS: dict[str, Contestant] = {MANAGER: manager, BARE: bare_pymodbus, BY_
 
 async def measure(contestant: Contestant, ports: list[int], plan: Plan) -> Round:
     """Let a contestant poll, and watch it from outside its poll path."""
-    empty = _memory()
+    empty = common.memory()
     async with contestant(ports) as fleet:
         async with asyncio.timeout(READY_WITHIN_S):
             await _all_read(fleet, len(ports))
         gc.freeze()  # as `serve` does
         await asyncio.sleep(SETTLE_S)
-        memory = (_memory() - empty) / len(ports)
+        memory = (common.memory() - empty) / len(ports)
         began, cpu, polls = time.monotonic(), time.process_time(), fleet.polls()
         ages = await _sample_ages(fleet, len(ports), began + plan.seconds)
         took, cpu, polls = time.monotonic() - began, time.process_time() - cpu, fleet.polls() - polls
@@ -237,14 +237,6 @@ async def _sample_ages(fleet: Fleet, lifts: int, until: float) -> list[float]:
             # The loop's clock stands still while a turn of the loop lasts; the client's does not.
             ages.append(age_s + time.monotonic() - loop.time())
     return ages
-
-
-def _memory() -> int:
-    """Memory of this process in bytes, without what it maps from files: that comes in when it is first used."""
-    for line in Path("/proc/self/status").read_text("ascii").splitlines():
-        if line.startswith("RssAnon:"):
-            return int(line.split()[1]) * 1024
-    raise SystemExit("this kernel does not report RssAnon in /proc/self/status")
 
 
 def run_round(name: str, ports: list[int], plan: Plan) -> Round:

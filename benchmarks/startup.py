@@ -1,9 +1,10 @@
 """How long a start takes: the help, the demo, and a site of 1,000 lifts, next to Python alone and to the import of FastAPI.
 
-    python benchmarks/startup.py [--rounds 5] [--lifts 1000]
+    python benchmarks/startup.py [--rounds 5] [--lifts 1000] [--settle 15]
 
 All take turns, each in a process of its own, and the table shows medians. A site is ready when its web server listens, after a first
-reading of every lift or a second. It takes about 10 s a round and ends by itself.
+reading of every lift or a second. It takes about 10 s a round. Then the memory of the site is read once, `--settle` seconds after it is
+ready, and that of a site with one lift. It ends by itself.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ HELP, DEMO = "lift-manager --help", "lift-manager demo, until it is ready"
 LIMITS_S = {HELP: 0.25, DEMO: 1.5}
 SITE_LIMIT_S = 8.0
 """Of 1,000 lifts."""
+SITE_LIMIT_MB = 96
+"""Of 1,000 lifts."""
 
 
 def ended(*arguments: str) -> float:
@@ -42,6 +45,14 @@ def ready(*arguments: str) -> float:
     began = time.monotonic()
     with common.running(*arguments, pattern=common.SERVES):
         return time.monotonic() - began
+
+
+def memory_mb(settle_s: float, *arguments: str) -> float:
+    """Return the anonymous memory of `lift-manager` with these arguments, so many seconds after it is ready."""
+    ids: list[int] = []
+    with common.running(*arguments, pattern=common.SERVES, started=ids.append):
+        time.sleep(settle_s)
+        return common.memory(ids[0]) / 2**20
 
 
 def main(chosen: argparse.Namespace) -> None:
@@ -61,6 +72,10 @@ def main(chosen: argparse.Namespace) -> None:
         for _ in range(chosen.rounds):
             for name, start in starts.items():
                 took[name].append(start())
+        site_mb = memory_mb(chosen.settle, "serve", str(file), "--port", "0")
+        (alone := Path(folder, "alone")).mkdir()
+        file = common.site_file(alone, {"lift": ports[0]}, common.POLL_S)
+        lift_mb = memory_mb(chosen.settle, "serve", str(file), "--port", "0")
     limits_s = LIMITS_S | ({site: SITE_LIMIT_S} if chosen.lifts == 1000 else {})
     medians, figures = {name: statistics.median(found) for name, found in took.items()}, common.Figures()
     print(f"{'':60}{'s':>7}   times the import of FastAPI")
@@ -70,6 +85,10 @@ def main(chosen: argparse.Namespace) -> None:
             limit = f"{limits_s[name]:g} s" if name in limits_s else ""
             of = f"{FASTAPI} {medians[FASTAPI]:.2f} s"
             figures.add(name, f"{median_s:.2f} s", of, median_s / medians[FASTAPI], limit)
+    name, limit = f"lift-manager serve, {chosen.lifts:,} lifts: anonymous memory", f"below {SITE_LIMIT_MB} MB"
+    print(f"{name}: {site_mb:.1f} MB; with one lift {lift_mb:.1f} MB")
+    limit = limit if chosen.lifts == 1000 else ""
+    figures.add(name, f"{site_mb:.1f} MB", f"one lift {lift_mb:.1f} MB", site_mb / lift_mb, limit)
     figures.write(chosen.figures)
 
 
@@ -77,4 +96,5 @@ if __name__ == "__main__":
     parser = common.parser(__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--lifts", type=int, default=1000)
+    parser.add_argument("--settle", type=float, default=15, help="seconds")
     main(parser.parse_args())

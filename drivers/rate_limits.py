@@ -6,6 +6,7 @@ import math
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TypeVar
 
 SUMMARY_EVERY_S = 60.0
@@ -60,11 +61,17 @@ class RowRateLimiter:
         return replace(self, counts={}, repeats_only=True) if self.counts or not self.repeats_only else self
 
 
+@cache
+def _unused(rows: int) -> RowRateLimiter:
+    """Return a limiter that has admitted nothing. A lift has four, and most stay like this."""
+    return RowRateLimiter(rows)
+
+
 class ChangeRateLimiter:
     """Admits a few changes of one thing a minute. Once one is counted all are, so that the last summary gives the current state."""
 
     def __init__(self, rows: int) -> None:
-        self._rows = RowRateLimiter(rows)
+        self._rows = _unused(rows)
 
     def admits(self, word: str, now: float) -> bool:
         """Whether this change is reported by itself; otherwise it is counted under its `word`."""

@@ -7,14 +7,14 @@ import logging
 from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from socket import socket
 from typing import TYPE_CHECKING, Protocol
 from zoneinfo import ZoneInfo
 
 from drivers.driver import LiftDriver
-from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.capabilities import KINDS, LiftSettings
 from drivers.modbus.controller_lock import controller_lock
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
@@ -28,7 +28,7 @@ from lift_manager.api.keys import Keys
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
-from lift_manager.config.site import Controller
+from lift_manager.config.site import Controller, Floor
 from lift_manager.config.tls import path_of, tls_cautions
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.hours import RobotHours
@@ -61,6 +61,7 @@ from lift_manager.web.standby import Standby, WhileActive
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.arbitration import Claim
 from register_maps.schema import LinkDefaults
+from register_maps.words import Side
 
 if TYPE_CHECKING:  # a manager that is alone does not load what talks to etcd, or to a hub
     from lift_manager.cluster.member import ActiveTerm
@@ -182,12 +183,12 @@ def build(
 
 def lift_config(name: str, loaded: LoadedSite, driver: LiftDriver) -> LiftConfig:
     """Return the configuration of a lift from site file and map."""
-    spec, doors = loaded.site.lifts[name], driver.capabilities.doors
+    spec = loaded.site.lifts[name]
     return LiftConfig(
         name=name,
         source=driver.source,
         floors=tuple(spec.floors),
-        doors_at={floor: doors if entry.doors is None else entry.doors for floor, entry in spec.floors.items()},
+        doors_at=_doors_at(tuple(spec.floors.items()), driver.capabilities.doors),
         control=spec.access == "control",
         capabilities=driver.capabilities,
         display_name=spec.display_name or "",
@@ -554,6 +555,18 @@ def _link(
     return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})", prepare=prepare)
 
 
+@lru_cache(maxsize=KINDS)
+def _codes(floors: tuple[tuple[str, Floor], ...]) -> Mapping[str, int]:
+    """Return the floor codes of a lift. Lifts with the same floors share them, as what follows."""
+    return {name: floor.code for name, floor in floors}
+
+
+@lru_cache(maxsize=KINDS)
+def _doors_at(floors: tuple[tuple[str, Floor], ...], doors: tuple[Side, ...]) -> Mapping[str, tuple[Side, ...]]:
+    """Return which doors serve each floor; `doors` are those of the map."""
+    return {name: doors if floor.doors is None else floor.doors for name, floor in floors}
+
+
 def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], claim: Claim | None) -> ModbusLift:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     placed = devices(loaded.site, spec, source)
@@ -563,7 +576,7 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], claim: Cla
     needs = [loaded.links[device.controller] for device in placed.values()]
     settings = LiftSettings(
         name=name,
-        floors={floor: entry.code for floor, entry in spec.floors.items()},
+        floors=_codes(tuple(spec.floors.items())),
         unit_id=own.unit_id,
         control=spec.access == "control",
         max_age_s=spec.max_age_s or source.link.max_age_s,

@@ -23,7 +23,16 @@ def controller_lock(host: str, port: int, *, temporary: Path | None = None) -> I
 
     The system releases the lock when the process ends, however it ends. `temporary` is the folder for temporary files, by default the system's.
     """
-    folder = (temporary or Path(tempfile.gettempdir())) / f"lift-manager-{os.getuid()}"
+    descriptor = _lock(host, port, temporary or Path(tempfile.gettempdir()))
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(host: str, port: int, temporary: Path) -> int:
+    """Lock the file of one controller. Returns its descriptor: a file object with its buffers would take 5 KB."""
+    folder = temporary / f"lift-manager-{os.getuid()}"
     path = folder / f"{re.sub(r'[^0-9A-Za-z.-]', '_', host)}_{port}.lock"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -32,7 +41,7 @@ def controller_lock(host: str, port: int, *, temporary: Path | None = None) -> I
         descriptor = open_own(path, os.O_RDWR | os.O_APPEND)
     except OSError as error:
         raise LockUnusable(f"{host}:{port}", f"{path}: {error.strerror or error}") from error
-    try:  # without a file object: with its buffers it would take 5 KB for each controller
+    try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -40,6 +49,7 @@ def controller_lock(host: str, port: int, *, temporary: Path | None = None) -> I
             raise ControllerTaken(f"{host}:{port}", holder or "unknown") from error
         os.ftruncate(descriptor, 0)
         os.write(descriptor, str(os.getpid()).encode())
-        yield
-    finally:
+    except BaseException:
         os.close(descriptor)
+        raise
+    return descriptor

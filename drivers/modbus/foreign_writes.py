@@ -9,17 +9,18 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from drivers.errors import DriverError
-from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.capabilities import KINDS, LiftSettings
 from drivers.modbus.output import FIGHT_S, MOST_PRESSES, Cells, matches, read_values
 from drivers.modbus.outputs import Outputs
 from drivers.modbus.read_plan import plan_reads
 from drivers.modbus.steps import Phase
 from drivers.modbus.units import Units
-from register_maps.codec import Cell, Codec, CommandCodec, Point
+from register_maps.codec import Block, Cell, Codec, CommandCodec, Point
 
 _log = logging.getLogger(__name__)
 
@@ -88,18 +89,15 @@ class ForeignWriteCheck:
         self._clear = clear
         self._cleared_at: dict[str, float] = {}
         """When outputs that somebody else had pressed were last released."""
-        self._commands = {
-            name: command for name, command in codec.commands.items() if name in outputs and _is_ours(command, codec)
-        }
-        points = [point for command in self._commands.values() for point in command.read_points]
-        limits = {"max_registers": settings.max_registers_per_read, "max_bits": settings.max_bits_per_read}
+        self._commands, self._blocks = _plan_look(
+            codec, outputs.names, settings.max_registers_per_read, settings.max_bits_per_read
+        )
         self._refreshed = [name for name in self._commands if outputs.output(name).is_looked_at_first]
-        self._blocks = plan_reads(points, codec.served, **limits)
         self._writes: dict[Cell, int] = {}
         """Starts and ends of our writes, counted together: odd while a write is under way."""
         self._quiet: dict[str, tuple[int, float]] = {}
         """Outputs that somebody else writes: the looks since the last difference, and its time."""
-        self._fights: set[str] = set()
+        self._fights: Collection[str] = ()
         """Holds that are dropped too often, and were reported for it."""
         self.notices: list[_TimedNotice] = []
         """Notices that wait for a reading, oldest first."""
@@ -248,19 +246,29 @@ class ForeignWriteCheck:
 
     def report_fights(self) -> None:
         """Report each hold that is dropped too often, once until it is released."""
-        self._fights = {name for name in self._fights if self._outputs.output(name).dropped_at}
+        known = {name for name in self._fights if self._outputs.output(name).dropped_at}
         fights = {name for name in self._outputs.names if self._outputs.output(name).is_yielding}
-        for name in sorted(fights - self._fights):
+        for name in sorted(fights - known):
             self.notices.append(
                 _TimedNotice(
                     f"{self._printed(name)} was released {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
                     f" else; it is pressed again once in {FIGHT_S:g} s at most: find out who else writes there"
                 )
             )
-        self._fights |= fights
+        self._fights = tuple(known | fights)
 
     def _printed(self, name: str) -> str:
         return f"{name} at {', '.join(self._outputs.output(name).spec.addresses)}"
+
+
+@lru_cache(maxsize=KINDS)
+def _plan_look(
+    codec: Codec, outputs: tuple[str, ...], max_registers: int, max_bits: int
+) -> tuple[dict[str, CommandCodec], tuple[Block, ...]]:
+    """Return the commands of these outputs that are compared, and the blocks to read for that. Lifts that are alike share them."""
+    commands = {name: codec.commands[name] for name in outputs if _is_ours(codec.commands[name], codec)}
+    points = [point for command in commands.values() for point in command.read_points]
+    return commands, plan_reads(points, codec.served, max_registers=max_registers, max_bits=max_bits)
 
 
 def _is_ours(command: CommandCodec, codec: Codec) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from drivers.driver import DriverOwner, OnAnswer
 from drivers.errors import (
@@ -107,7 +107,7 @@ class ModbusLift:
         self._units = Units(Unit(link, settings.unit_id), endpoints or {})
         self._name = link.name
         self._settings = settings
-        self._commands = dict(codec.commands) if settings.control else {}
+        self._commands = codec.commands if settings.control else {}
         self._names = {code: name for name, code in settings.floors.items()}
         self._blocks = plan_poll(
             codec, max_registers=settings.max_registers_per_read, max_bits=settings.max_bits_per_read
@@ -130,7 +130,7 @@ class ModbusLift:
         self._is_floor_known_under_way = car_floor is None or car_floor.known_while is None
         self._diagnosis = Diagnosis(codec, self._units, settings.name)
         self._outputs = Outputs(self._commands, codec.written, codec.arbitration)
-        self._declared: frozenset[str] = frozenset()
+        self._declared: Collection[str] = ()
         """Names of the holds that should be on."""
         self._reports = DriverReports(self._outputs, self._names)
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]

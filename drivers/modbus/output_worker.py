@@ -91,7 +91,7 @@ class OutputWorker:
             for endpoint in self._wakes:
                 workers.create_task(self._work(endpoint))
             if self._foreign_writes.has_work:
-                workers.create_task(self._watch_foreign_writes())
+                await self._watch_foreign_writes()  # not in a task of its own, which would take a KB for each lift
 
     def wake(self) -> None:
         """Look for due steps soon."""

@@ -10,6 +10,8 @@ from register_maps.vocabulary import FLAG_MODES, SAFETY_FLAGS
 from register_maps.words import Door, Mode, Motion, Side
 
 _RANK = {mode: rank for rank, (mode, _) in enumerate(reversed(FLAG_MODES), start=1)}
+_NO_CALLS: frozenset[FloorName] = frozenset()
+"""One for all lifts: an empty frozenset takes 216 bytes, and Python makes a new one for each call."""
 _FLOORS = ("car_floor", "destination", "call_accepted")
 
 
@@ -50,8 +52,8 @@ def lift_values(
         flags={name: value for name, value in signals.items() if isinstance(value, bool)},
         unknown=unknown,
         calls=frozenset(floors[code] for code in calls if code in floors)
-        if isinstance(calls, frozenset)
-        else frozenset(),
+        if isinstance(calls, frozenset) and calls
+        else _NO_CALLS,
         watchdog_s=counts * watchdog_unit_s if isinstance(counts, int) else None,
     )
 

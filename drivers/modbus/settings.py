@@ -88,7 +88,7 @@ class LinkStats:
     """Exception answers, busy ones included."""
     latencies: dict[int, Latency] = field(default_factory=dict)
     """Round trips and time-out of each unit."""
-    silent_units: set[int] = field(default_factory=set)
+    silent_units: dict[int, None] = field(default_factory=dict)
     """Units that do not answer while others on this link do."""
     answered_at: float | None = None
     """Loop time of the newest good answer, including exceptions; None before the first."""

@@ -278,7 +278,7 @@ class Transactions:
             self._silent.update(self._unanswered)
             self._unanswered.clear()
             self._timeouts_in_a_row = self._strikes = 0
-        self._silent.discard(unit)
+        self._silent.pop(unit, None)
         if not self.proved:
             self.proved = True
             self._on_proved()

@@ -133,6 +133,7 @@ class PymodbusWire:
         if self._connection is not connection or not connection.is_active():
             raise self._closed_error()
         connection.announced = True
+        del connection.call_create  # a connection is made once, and what makes it would stay in memory
 
     def close(self) -> None:
         self._attempts += 1
@@ -179,6 +180,7 @@ class _Connection(ModbusProtocol):
         self, params: CommParams, wire: PymodbusWire, on_frame: OnFrame, on_lost: OnLost, tls: LinkTls | None
     ) -> None:
         super().__init__(params, is_server=False)
+        self.comm_params = params  # nobody else has it, and each connection would keep a copy of it
         if tls is not None:
             name = tls.server_name or params.host
             self.call_create = partial(self.call_create, server_hostname=name)  # type: ignore[call-arg]  # a partial itself

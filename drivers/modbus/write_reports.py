@@ -12,6 +12,8 @@ from register_maps.frames import Request
 
 _REPEATED_KINDS = frozenset({StepKind.REFRESH, StepKind.CYCLE, StepKind.BEAT})
 """Writes that the driver repeats by itself."""
+_NO_CELLS: frozenset[Cell] = frozenset()
+"""One for all lifts without a heartbeat."""
 CUT_SHORT = "its answer was not awaited"
 
 
@@ -21,7 +23,7 @@ class WriteReports:
     def __init__(self, report: Callable[[Written], None], counts: Collection[Cell] = ()) -> None:
         """`counts` are the cells of heartbeats: their changes are not reported."""
         self._report = report
-        self._counts = frozenset(counts)
+        self._counts = frozenset(counts) if counts else _NO_CELLS
         self._reported: dict[str | Block, tuple[tuple[object, ...], str]] = {}
         """The last report of each command, and of each block that is written in a cycle."""
 

@@ -1,6 +1,6 @@
 """What is in the files of certificates and keys.
 
-`tls` imports it only for a site that names such files: the library behind it takes 4 MB.
+`tls` imports it only for a site that names such files: the library behind it takes 3 MB.
 """
 
 from __future__ import annotations

@@ -59,10 +59,12 @@ def links(site: Site, maps: Mapping[str, RegisterMap], spare: Mapping[str, Regis
         if lift in maps:
             needs.setdefault(spec.controller, []).append(maps[lift].link)
     found: dict[str, LinkDefaults] = {}
+    shared: dict[LinkDefaults, LinkDefaults] = {}
     for name, controller in site.controllers.items():
         here = needs.get(name) or ([spare[name].link] if name in spare else [])
         said = {key: getattr(controller, key) for key in _SITE_SETTINGS if getattr(controller, key) is not None}
-        found[name] = strictest_needs(here).model_copy(update=said)
+        limits = strictest_needs(here).model_copy(update=said)
+        found[name] = shared.setdefault(limits, limits)  # one for all controllers that are alike: it takes a KB
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from urllib.parse import urlsplit
@@ -76,7 +77,13 @@ def _form(value: object) -> str:
 
 def _floor(value: int | Floor) -> Floor:
     """`L1: 1` is short for `L1: {code: 1}`."""
-    return Floor(code=value) if isinstance(value, int) else value
+    return _floor_of(value) if isinstance(value, int) else value
+
+
+@cache
+def _floor_of(code: int) -> Floor:
+    """Return the floor of a code. Lifts share it: each would take 0.4 KB, and many lifts have the same codes."""
+    return Floor(code=code)
 
 
 if TYPE_CHECKING:
@@ -357,6 +364,9 @@ class LiftRmf(_Part):
     """RMF's name of a floor, by its name here."""
 
 
+_SAME_NAMES = LiftRmf()
+
+
 class Lift(_Part):
     """One lift on a controller, and on further devices where its map has endpoints."""
 
@@ -401,7 +411,7 @@ class Lift(_Part):
     """Time reserved for people between two robots."""
     fire_release_delay_s: Annotated[float, Field(ge=0, le=10)] = 0.0
     """From announcing a fire to robots to releasing everything. Bounded: a robot at 0.5 m/s is out of a doorway in two seconds."""
-    rmf: LiftRmf = LiftRmf()
+    rmf: LiftRmf = Field(default_factory=lambda: _SAME_NAMES)  # pydantic would copy a default for each lift
     """Its names in RMF's building map."""
     accept_latching: Text | None = None
     """Why it is acceptable that an output stays on when this manager is lost and nothing releases it."""

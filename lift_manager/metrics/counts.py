@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from re import sub
 
 from lift_manager.lift.events import (
@@ -57,12 +58,14 @@ class _Tally:
     name: str
     text: str
     labels: tuple[str, ...]
+    known: Callable[[], Iterable[tuple[str, ...]]] = tuple
+    """Returns labels whose counts begin at 0, so that the first one shows as an increase; kept as counts they would take 0.7 KB a lift."""
     counts: Counter[tuple[str, ...]] = field(default_factory=Counter)
 
     def family(self) -> Family:
         family = Family(self.name, Kind.COUNTER, self.text)
-        for values, count in self.counts.items():
-            family.add(format_labels(**dict(zip(self.labels, values, strict=True))), count)
+        for values in dict.fromkeys(chain(self.known(), self.counts)):
+            family.add(format_labels(**dict(zip(self.labels, values, strict=True))), self.counts[values])
         return family
 
 
@@ -70,25 +73,34 @@ class EventCounts:
     """Counts events by closed sets of label values: never by holder, session, ride or text."""
 
     def __init__(self, commands: Mapping[str, Iterable[str]]) -> None:
-        """`commands` are the possible commands of each lift: their counts begin at 0, so that the first one shows as an increase."""
-        self._events = _Tally("lift_manager_events_total", "Events published.", ("event",))
+        """`commands` are the possible commands of each lift."""
+        no_evidence = UNCONFIRMED, Reason.NO_EVIDENCE.value
+        self._events = _Tally(
+            "lift_manager_events_total", "Events published.", ("event",), lambda: [(word,) for word in _EVENTS]
+        )
         self._commands = _Tally(
             "lift_manager_commands_total",
             "Commands by outcome.",
             ("lift", "command", "result", "reason"),
+            lambda: ((lift, name, *no_evidence) for lift, names in commands.items() for name in names),
         )
         self._opened = _Tally("lift_manager_sessions_opened_total", "Sessions that began.", ("lift", "face"))
         self._ended = _Tally(
             "lift_manager_sessions_ended_total", "Sessions that are over, by why.", ("lift", "face", "reason")
         )
-        self._rides = _Tally("lift_manager_rides_ended_total", "Rides that are over, by how.", ("lift", "end"))
-        self._alarms = _Tally("lift_manager_alarms_total", "Things that a person should know of.", ("lift",))
+        self._rides = _Tally(
+            "lift_manager_rides_ended_total",
+            "Rides that are over, by how.",
+            ("lift", "end"),
+            lambda: ((lift, phase.value) for lift in commands for phase in OVER),
+        )
+        self._alarms = _Tally(
+            "lift_manager_alarms_total",
+            "Things that a person should know of.",
+            ("lift",),
+            lambda: ((lift,) for lift in commands),
+        )
         self._over: OrderedDict[str, None] = OrderedDict()
-        self._events.counts.update({(word,): 0 for word in _EVENTS})
-        for lift, names in commands.items():
-            self._alarms.counts[lift,] = 0
-            self._rides.counts.update({(lift, phase.value): 0 for phase in OVER})
-            self._commands.counts.update({(lift, name, UNCONFIRMED, Reason.NO_EVIDENCE.value): 0 for name in names})
 
     def count_event(self, event: Event) -> None:
         """Count one event."""

@@ -47,7 +47,7 @@ class Holds:
         """Under which number each hold is on."""
         self._requested: Mapping[str, outputs.Hold] = {}
         self._waiting: dict[str, _Waiting] = {}
-        self._unwritten: set[str] = set()
+        self._unwritten: dict[str, None] = {}
         """Holds that are on the disk and were not switched on since: they need no other row."""
         self._committed = 0
 
@@ -62,7 +62,7 @@ class Holds:
         self._requested = {command.name: hold for command, hold in requested.items()}
         for name in [name for name in (*self._waiting, *self._unwritten) if not self._begins(name)]:
             self._waiting.pop(name, None)
-            self._unwritten.discard(name)
+            self._unwritten.pop(name, None)
         for name in self._numbers.keys() - self._requested.keys():
             del self._numbers[name]
         before = {command.name: (command, hold) for command, hold in self.declared.items()}
@@ -114,7 +114,7 @@ class Holds:
 
     def put_on(self, name: str) -> None:
         """Note that the driver has written it: another beginning needs another row."""
-        self._unwritten.discard(name)
+        self._unwritten.pop(name, None)
 
     def shown(self, pressed: Collection[str]) -> Outputs:
         """Return the state of every output as the rules know it: what waits for the disk is requested."""
@@ -148,7 +148,7 @@ class Holds:
         if waiting.commit is None or waiting.commit > self._committed:
             return False
         del self._waiting[name]
-        self._unwritten.add(name)
+        self._unwritten[name] = None
         return True
 
     def _state(self, name: str) -> OutputState:
