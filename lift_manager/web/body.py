@@ -31,7 +31,7 @@ async def read_body(request: Request) -> bytes:
 
     Raises RequestError if it is too long, late or truncated. A declared length is only trusted if it is too long.
     """
-    if _declares_too_long(request):
+    if is_too_long(request):
         raise _too_long()
     body = bytearray()
     try:
@@ -47,9 +47,10 @@ async def read_body(request: Request) -> bytes:
     return bytes(body)
 
 
-def _declares_too_long(request: Request) -> bool:
+def is_too_long(request: Request, received: int = 0) -> bool:
+    """Whether a request declares a body longer than `LIMIT_BYTES`, or so many bytes of it have arrived."""
     declared = request.headers.get("content-length", "")
-    return declared.isdecimal() and (len(declared) > 18 or int(declared) > LIMIT_BYTES)
+    return received > LIMIT_BYTES or (declared.isdecimal() and (len(declared) > 18 or int(declared) > LIMIT_BYTES))
 
 
 def _too_long() -> RequestError:

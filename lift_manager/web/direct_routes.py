@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from lift_manager.runtime.errors import RequestRefused
 from lift_manager.web.authenticator import Authenticator
-from lift_manager.web.body import LIMIT_BYTES, read_body
+from lift_manager.web.body import is_too_long, read_body
 from lift_manager.web.errors import RequestError
 
 
@@ -54,7 +54,7 @@ class DirectRoutes:
     def reply_at_once(self, scope: Scope, content: bytes) -> Response | None:
         """Check and answer a request whose body is here; None if it has another route, or a body that is too long to be read."""
         endpoint, request = self.find(scope), WholeRequest(scope, content)
-        if endpoint is None or len(content) > LIMIT_BYTES:
+        if endpoint is None or (content and is_too_long(request, len(content))):
             return None
         return self._authenticator.refusal_of(scope) or self._reply(endpoint, request)
 
