@@ -81,8 +81,6 @@ class Adapter:
         self._ros_time = ros_time
         self._lifts: dict[str, _Lift] = {}
         """By RMF's name."""
-        self._first = 0
-        """The place of the lift whose state has waited longest: it is published first, however often others change."""
         self._by_site_name: dict[str, _Lift] = {}
         self._site: SiteView | None = None
         self._lost_reason: str | None = None
@@ -196,17 +194,13 @@ class Adapter:
 
         Returns when to call it again at the latest: a time that has passed already if more states are due.
         """
-        published, waiting, due = 0, None, now + IDLE_S
-        lifts = list(enumerate(self._lifts.values()))
-        for index, lift in (*lifts[self._first :], *lifts[: self._first]):
+        published, due = 0, now + IDLE_S
+        for lift in self._lifts.values():
             if now >= lift.next_at:
                 self._send_due(lift, now)
                 if published < PUBLISHED_AT_ONCE:
                     published += self._publish_due(lift, now)
-                elif waiting is None:
-                    waiting = index
             due = min(due, lift.next_at)
-        self._first = waiting or 0
         return min(due, self._fire.tick(now))
 
     def stop(self, now: float) -> None:

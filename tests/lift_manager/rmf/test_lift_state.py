@@ -388,16 +388,3 @@ def test_no_request_waits_for_the_states_of_other_lifts_which_follow_in_the_next
         due = ride.adapter.tick(ride.now)
     assert sorted(state.lift_name for state in ride.published) == sorted(f"{name}_rmf" for name in names)
     assert due > ride.now
-
-
-def test_no_lift_is_left_out_because_others_change_all_the_time() -> None:
-    names = [f"lift{number:02}" for number in range(4 * PUBLISHED_AT_ONCE)]
-    ride = Bench(views={name: lift(name) for name in names}, slow=True)
-    for number in range(12):
-        moves = bool(number % 2)
-        ride.views = {name: replace(one, motion="up" if moves else "stopped") for name, one in ride.views.items()}
-        ride.event += 1
-        ride.adapter.on_site(ride.site(), ride.now, ride.now)
-        ride.adapter.tick(ride.now)
-        ride.now += MIN_GAP_S  # by then the first ones have changed again
-    assert {state.lift_name for state in ride.published} == {f"{name}_rmf" for name in names}
