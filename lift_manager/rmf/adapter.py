@@ -21,9 +21,6 @@ _log = logging.getLogger(__name__)
 
 IDLE_S = 60.0
 """Until the next tick if nothing is due."""
-PUBLISHED_AT_ONCE = 8
-"""States in one tick. Chosen: where fifty lifts change at once, other work such as their presses waits for a millisecond of publishing and
-not for seven, and the last state follows some ten milliseconds after the first."""
 _RIVAL = "rival"
 _HANDLED = frozenset(
     {Disposition.BEGUN, Disposition.UPDATED, Disposition.REPEATED, Disposition.REFUSED, Disposition.ENDED}
@@ -190,25 +187,18 @@ class Adapter:
             lift.sessions.manager_lost, lift.next_at = True, -math.inf
 
     def tick(self, now: float) -> float:
-        """Send what is due, and publish `PUBLISHED_AT_ONCE` of the states that are. Call it after every method above, too.
-
-        Returns when to call it again at the latest: a time that has passed already if more states are due.
-        """
-        published, due = 0, now + IDLE_S
-        for lift in self._lifts.values():
-            if now >= lift.next_at:
-                self._send_due(lift, now)
-                if published < PUBLISHED_AT_ONCE:
-                    published += self._publish_due(lift, now)
-            due = min(due, lift.next_at)
-        return min(due, self._fire.tick(now))
+        """Publish and send what is due; return when to call this again at the latest. Call it after every method above, too."""
+        lifts = min((self._update_lift(lift, now) for lift in self._lifts.values()), default=now + IDLE_S)
+        return min(lifts, self._fire.tick(now))
 
     def stop(self, now: float) -> None:
         """Publish every lift as offline with its door not open, one last time, so that waiting robots stand still. Sessions stay."""
         for lift in self._lifts.values():
             self._output.publish(as_offline(lift.make_state(now, self._ros_time())))
 
-    def _send_due(self, lift: _Lift, now: float) -> None:
+    def _update_lift(self, lift: _Lift, now: float) -> float:
+        if now < lift.next_at:
+            return lift.next_at
         sessions = lift.sessions
         if session := sessions.enforce_fleet_end(now):
             self._count(sessions.view.name, Disposition.ENDED)
@@ -216,21 +206,17 @@ class Adapter:
             _log.warning(text, sessions.view.name, quoted(session))
         if (request := sessions.next_request(now)) is not None:
             self._manager.send(request)
-
-    def _publish_due(self, lift: _Lift, now: float) -> bool:
-        """Publish the state of a lift if it is due, and note when the next one is. Returns whether it was."""
-        sessions = lift.sessions
         if sessions.view.age_s is None and now < self._unread_until:
             lift.next_at = min(self._unread_until, sessions.due_at(now))
-            return False
+            return lift.next_at
         state = lift.make_state(now, self._ros_time())
-        if is_due := lift.cadence.is_due(state, now):
+        if lift.cadence.is_due(state, now):
             self._output.publish(state)
             self.counts.states[state.lift_name] += 1
             lift.cadence.mark_sent(state, now)
         stale = stale_at(sessions.view, lift.sent_at)
         lift.next_at = min(lift.cadence.next_at(state), sessions.due_at(now), stale if stale > now else math.inf)
-        return is_due
+        return lift.next_at
 
     def _handle_without_lift(self, request: LiftRequest, now: float) -> Disposition:
         if self._site is not None:

@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 import pytest
 
 from lift_manager.plain.rmf import Alarms, HeldBy, PartialSiteView
-from lift_manager.rmf.adapter import PUBLISHED_AT_ONCE
 from lift_manager.rmf.alarms import REPEAT_S
 from lift_manager.rmf.lift_state import MIN_GAP_S, PERIOD_S, equal_except_time, stale_at
 from lift_manager.rmf.messages import (
@@ -365,26 +364,3 @@ def test_a_lift_is_published_with_its_first_reading_by_an_adapter_that_takes_ove
     assert ride.published == []
     ride.change(live=True, age_s=0.0, floor="L1")
     assert {state.current_mode for state in ride.published} == {HUMAN}
-
-
-def test_no_request_waits_for_the_states_of_other_lifts_which_follow_in_the_next_ticks() -> None:
-    names = {f"lift{number}" for number in range(3 * PUBLISHED_AT_ONCE)}
-    ride = Bench(views={name: lift(name) for name in names}, slow=True)
-    ride.adapter.on_site(ride.site(), ride.now, ride.now)
-    while ride.adapter.tick(ride.now) <= ride.now:
-        assert len(ride.published) < len(names)
-    ride.now += MIN_GAP_S
-    ride.views = {name: replace(view, motion="up", standing=False) for name, view in ride.views.items()}
-    ride.event += 1
-    ride.adapter.on_site(ride.site(), ride.now, ride.now)
-    for name in names:
-        ride.adapter.on_request(wants(A, "Level 2", f"{name}_rmf"), ride.now)
-    ride.published.clear()
-    due = ride.adapter.tick(ride.now)
-    assert {request.lift for request in ride.sent_requests} == names
-    assert len(ride.published) == PUBLISHED_AT_ONCE
-    for _ in range(2):
-        assert due <= ride.now
-        due = ride.adapter.tick(ride.now)
-    assert sorted(state.lift_name for state in ride.published) == sorted(f"{name}_rmf" for name in names)
-    assert due > ride.now
