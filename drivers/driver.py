@@ -59,7 +59,7 @@ class NoOwner:
 class LiftDriver(Protocol):
     """Reads and commands one lift.
 
-    `declare`, `press` and `cancel` return at once; `run` carries them out, and nothing is sent unless it runs. The driver knows its map's rules (exclusions, pauses,
+    `declare`, `press` and `cancel` return at once; `run` carries them out. The driver knows its map's rules (exclusions, pauses,
     endings, verification, other writers) and nothing of sessions, journals or disks: record first, then call the driver.
     """
 
@@ -104,7 +104,7 @@ class LiftDriver(Protocol):
         ...
 
     def press(self, press: PressId, command: Command, leave_by: float) -> None:
-        """Press a command once, at once if nothing has to be awaited. It is never repeated; its `Outcome` is reported once.
+        """Press a command once. It is never repeated, whatever happens to it; its `Outcome` is reported once.
 
         A press that is not written by the monotonic time `leave_by`, plus the pauses that the map requires, is given up. An output
         that stays on is kept while it is declared, at most for `max_hold_s`. A newer press of the same command replaces it.

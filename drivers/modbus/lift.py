@@ -263,10 +263,7 @@ class ModbusLift:
         self._presses.begin(given)
         now = asyncio.get_running_loop().time()
         self._outputs.press(name, code, now, press=press, leave_by=leave_by)
-        if self._begun is None or self._begun.answer is None:
-            self._worker.begin()
-        else:
-            self._on_outputs_changed()  # it is judged by the answer that is here already
+        self._on_outputs_changed()
 
     def cancel(self, press: PressId) -> None:
         """Cancel a press."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from asyncio import Future
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import StrEnum, unique
@@ -58,7 +57,6 @@ class Link:
         "_outages",
         "_prepare",
         "_quiet_since",
-        "_reads",
         "_reason",
         "_running",
         "_since",
@@ -105,8 +103,6 @@ class Link:
         self._listeners: tuple[OnBytes, ...] = ()
         self._wire_listener: OnBytes | None = None
         """The listener that the wire had when it was made."""
-        self._reads = 0
-        """How many `read` wait for their answer, or have not taken it yet."""
         self._last_tid = 0
         self._state = LinkState.DOWN
         self._reason = "not started"
@@ -149,11 +145,6 @@ class Link:
         return self._transactions is not None and self._transactions.in_flight
 
     @property
-    def is_free(self) -> bool:
-        """Whether a write would be sent at once, and no answer to a `read` is left to be taken."""
-        return self._transactions is not None and self._transactions.is_free and not self._reads
-
-    @property
     def waiting(self) -> tuple[int, int]:
         """How many requests wait for their turn: (reads, commands)."""
         return (0, 0) if self._transactions is None else self._transactions.waiting
@@ -181,11 +172,7 @@ class Link:
             raise self._link_down()
         if request.values:
             raise ValueError(f"not a read: {request}")
-        self._reads += 1
-        try:
-            return await transactions.read(request)
-        finally:
-            self._reads -= 1
+        return await transactions.read(request)
 
     def read_at_once(self, request: Request, receiver: Receiver) -> bool:
         """As `read`, without a task: returns False, and sends nothing, if it is down or the request would have to wait."""
@@ -209,17 +196,13 @@ class Link:
         The error's `sent` tells whether the controller may have carried it out. Raises UndeclaredWrite, which is not a DriverError,
         for a write that no map on this link declares, connected or not.
         """
-        await self.begin_write(request, permit, presses=presses)
-
-    def begin_write(self, request: Request, permit: Permit | None, *, presses: bool) -> Future[bytes]:
-        """As `write`, but return at once: the future has its answer, or what `write` raises once the request waits for its turn."""
         if not request.values:
             raise ValueError(f"not a write: {request}")
         if self.declared is not None and not self.declared.allows(request):
             raise UndeclaredWrite(self.name, request)
         if self._transactions is None:
             raise self._link_down()
-        return self._transactions.command(request, permit, presses=presses)
+        await self._transactions.command(request, permit, presses=presses)
 
     async def wait_up(self) -> int:
         """Wait until it is up; returns the epoch. Raises LinkDown once the link is closed."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import partial
 
 from drivers.errors import BUSY, ControllerException, Delivery, DriverError, PressRefused
@@ -19,9 +17,8 @@ from drivers.modbus.presses import NOT_SENT, Press, Presses
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.steps import CHANGING_KINDS, Phase, Step, StepKind
 from drivers.modbus.transactions import Permit
-from drivers.modbus.writer import Write, Writer
+from drivers.modbus.writer import Writer
 from drivers.model import Result
-from register_maps.codec import Cell
 from register_maps.frames import Request
 
 _log = logging.getLogger(__name__)
@@ -30,21 +27,6 @@ _EARLY_S = 1e-6
 """A timer may fire just before its time; a step due so soon is due now, or its worker would spin until then."""
 _RELEASE_WITHIN_S = 4.0
 """How long outputs may take to be released after a bug before the program ends: as long as in an orderly shutdown."""
-
-
-@dataclass(slots=True)
-class _StepUnderWay:
-    """A step that was chosen, and what is to be known of it once its write is answered."""
-
-    step: Step
-    press: Press | None
-    """The press that it starts."""
-    permit: Permit | None
-    cells: Sequence[Cell]
-    """Those that it changes."""
-    write: Write | None = None
-    """Its write, if that was begun."""
-    answered: list[Request] = field(default_factory=list)
 
 
 class OutputWorker:
@@ -72,8 +54,6 @@ class OutputWorker:
         self._logged: dict[str, None] = {}
         """Outputs whose failure was logged, once until they are on again."""
         self._wakes = {endpoint: Flag() for endpoint in outputs.endpoints}
-        self._begun: dict[str, _StepUnderWay] = {}
-        """The step that was begun for the worker of a device, which carries on with it."""
         self._rested: asyncio.Event | None = None
         """Somebody waits until every output is at rest."""
 
@@ -94,22 +74,9 @@ class OutputWorker:
                 await self._watch_foreign_writes()  # not in a task of its own, which would take a KB for each lift
 
     def wake(self) -> None:
-        """Look for due steps soon."""
+        """Look for due steps now."""
         for wake in self._wakes.values():
             wake.set()
-
-    def begin(self) -> None:
-        """Choose and send what is due now at each device whose worker and link have nothing else to do; the workers do the rest soon."""
-        free = [end for end, wake in self._wakes.items() if wake.waiters and self._writer.is_free(end)]
-        steps = [(endpoint, step) for endpoint in free if (step := self._next_step(endpoint)) is not None]
-        self.end_dropped_presses()
-        self._reports.report_states()
-        for endpoint, step in steps:
-            try:
-                self._begun[endpoint] = self._begin(step)
-            except Exception as bug:  # noqa: BLE001  raised by the worker once nothing is held any more
-                self._release_after_bug(step, bug)
-        self.wake()
 
     async def wait_until_at_rest(self) -> None:
         """Return once every output is at rest."""
@@ -127,14 +94,18 @@ class OutputWorker:
     async def _work(self, endpoint: str) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            if (begun := self._begun.pop(endpoint, None)) is not None:
-                await self._guarded(begun)
-                continue
-            step = self._next_step(endpoint)
+            step = None if self._writer.is_fenced else self._outputs.next_step(loop.time() + _EARLY_S, endpoint)
             self.end_dropped_presses()
             self._reports.report_states()
+            if step is not None and self._permissions.must_wait(step):
+                self._outputs.record_failure(step, maybe_sent=False, now=loop.time())
+                continue
             if step is not None:
-                await self._guarded(self._prepare(step))
+                try:
+                    await self._carry_out(step)
+                except Exception as bug:  # noqa: BLE001  raised again once nothing is held any more
+                    self._outputs.record_failure(step, maybe_sent=True, now=loop.time())
+                    self._release_after_bug(bug, f"{step.kind} of {step.name}")
                 continue
             if self._rested is not None and self._outputs.all_at_rest:
                 self._rested.set()
@@ -143,24 +114,15 @@ class OutputWorker:
                 raise self._bug
             due_at = math.inf if self._writer.is_fenced else self._outputs.wake_at(endpoint)
             wake_at = min(due_at, self._bug_at + _RELEASE_WITHIN_S)
-            try:
-                await _sleep_until(wake_at, self._wakes[endpoint])
-            except asyncio.CancelledError:
-                if (begun := self._begun.pop(endpoint, None)) is not None and begun.write is not None:
-                    self._writer.cut_short(begun.write)
-                raise
+            await _sleep_until(wake_at, self._wakes[endpoint])
 
     async def _watch_foreign_writes(self) -> None:
         try:
             await self._foreign_writes.run(self.wake)
         except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
-            self._release_everything(bug, "the check for foreign writes")
+            self._release_after_bug(bug, "the check for foreign writes")
 
-    def _release_after_bug(self, step: Step, bug: Exception) -> None:
-        self._outputs.record_failure(step, maybe_sent=True, now=asyncio.get_running_loop().time())
-        self._release_everything(bug, f"{step.kind} of {step.name}")
-
-    def _release_everything(self, bug: Exception, what: str) -> None:
+    def _release_after_bug(self, bug: Exception, what: str) -> None:
         _log.error("%s: a bug in %s; everything is released", self._lift, what, exc_info=bug)
         if self._bug is None:
             self._bug, self._bug_at = bug, asyncio.get_running_loop().time()
@@ -170,50 +132,20 @@ class OutputWorker:
         self._reports.report_failure(f"{reason} in {what}: {bug!r}")
         self.wake()
 
-    def _next_step(self, endpoint: str) -> Step | None:
-        """Return the step that is due at a device and may be carried out now."""
-        now = asyncio.get_running_loop().time()
-        while not self._writer.is_fenced:
-            step = self._outputs.next_step(now + _EARLY_S, endpoint)
-            if step is None or not self._permissions.must_wait(step):
-                return step
-            self._outputs.record_failure(step, maybe_sent=False, now=now)
-        return None
-
-    def _prepare(self, step: Step) -> _StepUnderWay:
+    async def _carry_out(self, step: Step) -> None:
+        loop = asyncio.get_running_loop()
         starts_press = step.kind in (StepKind.PRESS, StepKind.RESET)
         press = self._presses.get(step.name) if starts_press else None
         permit = self._permissions.permit_for(step, press)
+        answered: list[Request] = []
+        on_answer = partial(_note_answer, answered, press if step.kind is StepKind.PRESS else None)
         cells = self._outputs.covered_cells(step) if step.kind in CHANGING_KINDS else ()
         self._foreign_writes.count_write(cells)
-        return _StepUnderWay(step, press, permit, cells)
-
-    def _begin(self, step: Step) -> _StepUnderWay:
-        """Begin a step by the first request of its write, unless something has to be read before."""
-        begun = self._prepare(step)
-        if not self._looks_first(step):
-            begun.write = self._writer.plan(step, self._outputs.cells(step), begun.permit)
-            self._writer.begin(begun.write)
-        return begun
-
-    async def _guarded(self, under_way: _StepUnderWay) -> None:
         try:
-            await self._carry_out(under_way)
-        except Exception as bug:  # noqa: BLE001  raised again once nothing is held any more
-            self._release_after_bug(under_way.step, bug)
-
-    async def _carry_out(self, under_way: _StepUnderWay) -> None:
-        loop = asyncio.get_running_loop()
-        step, press, permit, answered = under_way.step, under_way.press, under_way.permit, under_way.answered
-        on_answer = partial(_note_answer, answered, press if step.kind is StepKind.PRESS else None)
-        looked: bool | None = None
-        try:
-            if (write := under_way.write) is None:
-                looked = await self._look_first(step, permit)
-                if looked is False:
-                    return
-                write = self._writer.plan(step, self._outputs.cells(step), permit)
-            await self._writer.write(write, on_answer)
+            looked = await self._look_first(step, permit)
+            if looked is False:
+                return
+            await self._writer.write(step, self._outputs.cells(step), permit, on_answer)
             self._outputs.record_write(step, loop.time())
             self._reports.report_states()
             self._logged.pop(step.name, None)
@@ -237,7 +169,7 @@ class OutputWorker:
                 self._presses.finish(press, result, f"{self._writer.printed(step.name)}: {error}")
             self._log_failure(step, error, is_warning=rejected and press is None and step.name not in self._logged)
         finally:
-            self._foreign_writes.count_write(under_way.cells)
+            self._foreign_writes.count_write(cells)
             self.end_dropped_presses()
 
     async def _look_first(self, step: Step, permit: Permit | None) -> bool | None:
@@ -245,9 +177,11 @@ class OutputWorker:
 
         None: read it back after the write instead. A read that the controller refuses does not prevent the refresh.
         """
-        if not self._looks_first(step) or (permit is not None and permit() is not None):
+        output = self._outputs.output(step.name) if step.kind is StepKind.REFRESH else None
+        if output is None or not output.is_looked_at_first or (permit is not None and permit() is not None):
             return None
-        output = self._outputs.output(step.name)
+        if not self._foreign_writes.compares(step.name):
+            return None
         try:
             cells = await self._writer.cells(step.name)
         except ControllerException:
@@ -263,12 +197,6 @@ class OutputWorker:
         if not stays:
             return False
         return True if holds and output.verified and not output.codec.is_shared else None
-
-    def _looks_first(self, step: Step) -> bool:
-        """Whether a step is the refresh of a hold that is read back before."""
-        if step.kind is not StepKind.REFRESH or not self._foreign_writes.compares(step.name):
-            return False
-        return self._outputs.output(step.name).is_looked_at_first
 
     async def _look_back(self, step: Step, press: Press | None) -> None:
         """Read back what a step wrote, if that is used for anything."""

@@ -187,11 +187,6 @@ class Transactions:
         return self._job is not None
 
     @property
-    def is_free(self) -> bool:
-        """Whether a command would be sent at once."""
-        return self._job is None and self._gap is None
-
-    @property
     def waiting(self) -> tuple[int, int]:
         """How many requests wait for their turn: (reads, commands)."""
         return len(self._reads), len(self._commands)
@@ -216,7 +211,7 @@ class Transactions:
     def command(self, request: Request, permit: Permit | None, *, presses: bool = True) -> asyncio.Future[bytes]:
         """Queue a request in the command lane. One that `presses` is refused while the controller does not answer."""
         future: asyncio.Future[bytes] = self._loop.create_future()
-        if self.is_free:
+        if self._job is None and self._gap is None:
             self._commands.append((future, request, permit, self._busy_retries, _AT_ONCE, presses))
             self._next()
             return future

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import math
-from asyncio import Future
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 from drivers.clock import suspended_s
+from drivers.errors import ACCEPTED, ControllerException
 from drivers.modbus.declared_writes import DeclaredWrites
 from drivers.modbus.link import Link, LinkState
 from drivers.modbus.transactions import Permit
@@ -115,19 +115,19 @@ class Units:
             cells.update(zip(block.cells, values, strict=True))
         return cells
 
-    def is_free(self, endpoint: str) -> bool:
-        """Whether a write to one device would be sent at once."""
-        return self._units[endpoint].link.is_free
-
-    def begin_write(self, endpoint: str, request: Request, permit: Permit | None) -> Future[bytes]:
-        """Write, unless fenced, as `Link.begin_write`."""
+    async def send(self, endpoint: str, request: Request, permit: Permit | None) -> None:
+        """Write, unless fenced. An answer that the command is accepted but still in progress counts as its echo."""
 
         def unless_fenced() -> str | None:
             if self.is_fenced:
                 return "this manager may not write to the lift any more"
             return None if permit is None else permit()
 
-        return self.link(endpoint).begin_write(request, unless_fenced, presses=permit is not None)
+        try:
+            await self.link(endpoint).write(request, unless_fenced, presses=permit is not None)
+        except ControllerException as error:
+            if error.code != ACCEPTED:
+                raise
 
     def word_lock(self, endpoint: str) -> asyncio.Lock:
         """Return the lock that prevents other lifts on this link from writing between our read of a shared word and its write."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from asyncio import Future
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
 
-from drivers.errors import ACCEPTED, ControllerException, Delivery, DriverError
+from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.confirm import confirmation_of
 from drivers.modbus.output import Cells, matches
@@ -20,21 +18,6 @@ from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
 
 _NOT_READ_BACK = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepKind.PAUSE})
-
-
-@dataclass(slots=True)
-class Write:
-    """The write of one step."""
-
-    step: Step
-    cells: Cells
-    permit: Permit | None
-    blocks: list[tuple[Block, int]]
-    """The blocks to write and their functions, in order."""
-    sent: list[Request] = field(default_factory=list)
-    """What reached the wire, or may have."""
-    begun: Future[bytes] | None = None
-    """The answer to the first request, which was sent already."""
 
 
 class Writer:
@@ -93,64 +76,47 @@ class Writer:
             [request for _, request in step_requests(self._commands[step.name], step, cells, self._units.unit)]
         )
 
-    def is_free(self, endpoint: str) -> bool:
-        """Whether a request to this device would be sent at once."""
-        return self._units.is_free(endpoint)
-
-    def plan(self, step: Step, cells: Cells, permit: Permit | None) -> Write:
-        """Return the write of a step; a step that only reads writes nothing."""
-        if step.kind in READ_ONLY_KINDS:
-            blocks = []
-        elif step.block is not None:
-            blocks = [(step.block, self._functions[step.block])]
-        else:
-            blocks = blocks_in_order(self._commands[step.name], step, cells)
-        return Write(step, cells, permit, blocks)
-
-    def begin(self, write: Write) -> None:
-        """Send the first request now, unless its word has to be read before."""
-        block, function = write.blocks[0] if write.blocks else (None, 0)
-        if block is not None and not self._reads_first(write.step, function):
-            write.begun = self._send(write, block, self._request(write, block, function))
-
-    async def write(self, write: Write, on_answer: Callable[[Request], None]) -> None:
-        """Send every request of a write that was not sent; `on_answer` gets each once it is answered. Raises DriverError.
+    async def write(
+        self, step: Step, cells: Cells, permit: Permit | None, on_answer: Callable[[Request], None]
+    ) -> None:
+        """Send every request of a step; `on_answer` gets each once it is answered. Raises DriverError.
 
         At the end, failed or not, what reached the wire or may have is reported.
         """
+        if step.kind in READ_ONLY_KINDS:
+            return
+        sent: list[Request] = []
         failure = CUT_SHORT
         try:
-            await self._write(write, on_answer)
+            await self._write(step, cells, permit, sent, on_answer)
             failure = ""
         except DriverError as error:
             failure = str(error)
             raise
         finally:
-            self._report(write, failure)
+            blocks = self._commands[step.name].blocks if step.block is None else (step.block,)
+            self._reports.report_write(step, blocks, cells, sent, failure)
 
-    def cut_short(self, write: Write) -> None:
-        """Report what was sent of a write that was begun, and whose answer is not awaited."""
-        answer = write.begun
-        if answer is None:
+    async def _write(
+        self,
+        step: Step,
+        cells: Cells,
+        permit: Permit | None,
+        sent: list[Request],
+        on_answer: Callable[[Request], None],
+    ) -> None:
+        if step.block is not None:
+            request = block_write(step.block, self._functions[step.block], cells, self._unit(step.block))
+            on_answer(await self._send(request, step.block, permit, sent))
             return
-        error = answer.exception() if answer.done() else None
-        answer.cancel()
-        if error is None or _may_have_been_sent(error):
-            self._report(write, CUT_SHORT)
-
-    def _report(self, write: Write, failure: str) -> None:
-        step = write.step
-        blocks = self._commands[step.name].blocks if step.block is None else (step.block,)
-        self._reports.report_write(step, blocks, write.cells, write.sent, failure)
-
-    async def _write(self, write: Write, on_answer: Callable[[Request], None]) -> None:
+        command = self._commands[step.name]
         failure: DriverError | None = None
-        for block, function in write.blocks:
+        for block, function in blocks_in_order(command, step, cells):
             try:
-                on_answer(await self._write_block(write, block, function))
+                on_answer(await self._write_block(command, step, block, function, cells, permit, sent))
             except DriverError as error:
                 # a press on one device is released whatever another device answers
-                if write.step.kind is not StepKind.RELEASE:
+                if step.kind is not StepKind.RELEASE:
                     raise
                 failure = failure or error
         if failure is not None:
@@ -180,47 +146,33 @@ class Writer:
         """Return the cells where a command is read back. Raises DriverError."""
         return await self._units.cells(self._read_blocks[name])
 
-    async def _write_block(self, write: Write, block: Block, function: int) -> Request:
-        """Write a block, and return the request once it is answered."""
-        answer, write.begun = write.begun, None
-        if answer is not None:
-            return await self._answered(write, answer)
-        if not self._reads_first(write.step, function):
-            return await self._answered(write, self._send(write, block, self._request(write, block, function)))
+    async def _write_block(
+        self,
+        command: CommandCodec,
+        step: Step,
+        block: Block,
+        function: int,
+        cells: Cells,
+        permit: Permit | None,
+        sent: list[Request],
+    ) -> Request:
+        if not command.is_shared or function == MASK_WRITE or command.is_timed_coil:
+            request = block_request(command, step, block, function, cells, self._unit(block))
+            return await self._send(request, block, permit, sent)
         async with self._units.word_lock(block.endpoint):
             fresh: dict[Cell, int] = await self._units.cells([block])
-            for point, value in self._commands[write.step.name].encode(write.step.code).items():
+            for point, value in command.encode(step.code).items():
                 if block.holds(point):
                     fresh[point.cell] = point.into(fresh[point.cell], value)
-            request = block_write(block, function, fresh, self._unit(block))
-            return await self._answered(write, self._send(write, block, request))
+            return await self._send(block_write(block, function, fresh, self._unit(block)), block, permit, sent)
 
-    def _reads_first(self, step: Step, function: int) -> bool:
-        """Whether a block is read before it is written, because others write to its words too."""
-        command = self._commands[step.name] if step.block is None else None
-        return command is not None and command.is_shared and function != MASK_WRITE and not command.is_timed_coil
-
-    def _request(self, write: Write, block: Block, function: int) -> Request:
-        step, unit = write.step, self._unit(block)
-        if step.block is not None:
-            return block_write(block, function, write.cells, unit)
-        return block_request(self._commands[step.name], step, block, function, write.cells, unit)
-
-    def _send(self, write: Write, block: Block, request: Request) -> Future[bytes]:
-        answer = self._units.begin_write(block.endpoint, request, write.permit)
-        write.sent.append(request)
-        return answer
-
-    async def _answered(self, write: Write, answer: Future[bytes]) -> Request:
-        """Wait for the answer to the newest request, and return that. That it is accepted but in progress counts as its echo."""
-        request = write.sent[-1]
+    async def _send(self, request: Request, block: Block, permit: Permit | None, sent: list[Request]) -> Request:
+        sent.append(request)
         try:
-            await answer
+            await self._units.send(block.endpoint, request, permit)
         except Exception as error:
-            if isinstance(error, ControllerException) and error.code == ACCEPTED:
-                return request
             if not _may_have_been_sent(error):
-                write.sent.pop()
+                sent.pop()
             raise
         return request
 
@@ -228,6 +180,6 @@ class Writer:
         return self._units.unit(block.endpoint)
 
 
-def _may_have_been_sent(error: BaseException) -> bool:
+def _may_have_been_sent(error: Exception) -> bool:
     """Whether a failed write may be on the wire: a controller that answers has received it, even if it did nothing."""
     return isinstance(error, DriverError) and (error.sent is not Delivery.NO or isinstance(error, ControllerException))

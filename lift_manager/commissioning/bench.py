@@ -61,7 +61,7 @@ class Bench:
 
     async def write(self, step: Step, cells: Mapping[Cell, int]) -> list[ReceivedRequest]:
         """Carry out the write of a step, with the read before it if the map needs one."""
-        await self._writer.write(self._writer.plan(step, cells, _allow_all), _ignore)
+        await self._writer.write(step, cells, _allow_all, _ignore)
         return self._take_received()
 
     async def read_back(self, step: Step) -> tuple[bool, list[ReceivedRequest]]:

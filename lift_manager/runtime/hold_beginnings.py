@@ -90,11 +90,6 @@ class Holds:
         self.declared = after
         return tuple(beginnings)
 
-    @property
-    def has_waiting(self) -> bool:
-        """Whether any beginning waits for the disk, or was there now."""
-        return bool(self._waiting)
-
     def handed_over(self, commit: int) -> None:
         """Record under which number the beginnings that `update` returned are committed."""
         for waiting in self._waiting.values():
@@ -118,8 +113,9 @@ class Holds:
 
     def shown(self, pressed: Collection[str]) -> Outputs:
         """Return the state of every output as the rules know it: what waits for the disk is requested."""
-        lost = [name for name, state in self.states.items() if state is OutputState.LOST]
-        return {**self.states, **{name: self.shown_of(name, pressed) for name in (*lost, *self._waiting, *pressed)}}
+        return {
+            name: self.shown_of(name, pressed) for name in {**self.states, **self._waiting, **dict.fromkeys(pressed)}
+        }
 
     def shown_of(self, name: str, pressed: Collection[str]) -> OutputState:
         """Return the same for one output.

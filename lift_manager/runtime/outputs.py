@@ -50,8 +50,6 @@ class LiftOutputs:
         self._holds = Holds()
         self._waiting: dict[PressId, Press] = {}
         """Presses that are not with the driver yet."""
-        self._waiting_names: frozenset[str] = frozenset()
-        """The names of their commands."""
         self._sent: dict[PressId, Command] = {}
         """Presses that are with the driver, without an outcome."""
         self._commits = 0
@@ -69,19 +67,17 @@ class LiftOutputs:
         After a commit that was `not_recorded` the rules have ended its presses already.
         """
         presses = self._take_actions(actions, not_recorded=not_recorded)
-        committed = [pending.id for pending in record.presses if pending.sequence <= record.committed]
-        leaving = [press for one in committed if (press := self._waiting.get(one)) is not None]
-        if not self._holds.has_waiting:
-            self._send(leaving)  # a commit releases nothing, and the rest of this may follow the bytes
-            leaving = []
+        for pending in record.presses:
+            if pending.sequence <= record.committed and (press := self._waiting.get(pending.id)) is not None:
+                self._sent[press.id] = press.command
+                self._driver.press(press.id, press.command, press.leave_by)
+                del self._waiting[press.id]  # only now: that the driver has it is no news, since it counts as requested
         # what is released by its own time, because the lift is not read, begins again only once it is renewed
         requested = {one: hold for one, hold in outputs(self._config, record).items() if hold.until > moment.now}
         before = self._holds.declared
-        pressed = self._waiting_names.difference(press.command.name for press in leaving)
-        beginnings = self._holds.update(requested, pressed, may_begin=not record.disk_trouble)
+        beginnings = self._holds.update(requested, self._waiting_names, may_begin=not record.disk_trouble)
         if self._holds.declared != before:
             self._driver.declare(self._holds.declared)
-        self._send(leaving)  # behind the holds that begin with the same commit, such as robot mode
         rows = [(press.holder, press.command, False) for press in presses]
         rows += [(record.holder, one.command, one.again) for one in beginnings]
         if rows:
@@ -90,7 +86,6 @@ class LiftOutputs:
     def cancel_all(self) -> None:
         """Take back every press that has no outcome."""
         self._waiting.clear()
-        self._waiting_names = frozenset()
         for press in tuple(self._sent):
             self._driver.cancel(press)
 
@@ -116,6 +111,10 @@ class LiftOutputs:
 
     # -- what waits for the disk
 
+    @property
+    def _waiting_names(self) -> frozenset[str]:
+        return frozenset(press.command.name for press in self._waiting.values())
+
     def _take_actions(self, actions: Iterable[Action], *, not_recorded: bool) -> list[Press]:
         """Take presses and cancels in their order; return the presses that have to be written down."""
         presses = []
@@ -123,28 +122,16 @@ class LiftOutputs:
             match action:
                 case Press():
                     self._waiting[action.id] = action
-                    self._note_waiting()
                     presses.append(action)
                 case Cancel(press) if press not in self._waiting:
                     if not self._has_ended_by_itself(press):
                         self._driver.cancel(press)
                 case Cancel(press):
                     gone = self._waiting.pop(press)
-                    self._note_waiting()
                     if not not_recorded:
                         outcome = Outcome(gone.command, Result.REJECTED, NOT_SENT, press=press)
                         self._inbox.put(PressEnded(press, outcome))
         return [press for press in presses if press.id in self._waiting]
-
-    def _send(self, presses: Iterable[Press]) -> None:
-        for press in presses:
-            self._sent[press.id] = press.command
-            self._driver.press(press.id, press.command, press.leave_by)
-            del self._waiting[press.id]  # only now: that the driver has it is no news, since it counts as requested
-            self._note_waiting()
-
-    def _note_waiting(self) -> None:
-        self._waiting_names = frozenset([press.command.name for press in self._waiting.values()])
 
     def _has_ended_by_itself(self, press: PressId) -> bool:
         """Whether no part of a press is left to be released: it is a pulse, and only its outcome is still to come."""

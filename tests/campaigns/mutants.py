@@ -334,8 +334,8 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/runtime/outputs.py",
-                "committed = [pending.id for pending in record.presses if pending.sequence <= record.committed]",
-                "committed = [pending.id for pending in record.presses]",
+                "if pending.sequence <= record.committed and (press := self._waiting.get(pending.id)) is not None:",
+                "if (press := self._waiting.get(pending.id)) is not None:",
             ),
         ),
     ),

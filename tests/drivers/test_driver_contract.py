@@ -23,7 +23,6 @@ from drivers.model import (
     Result,
     Written,
 )
-from register_maps import frames
 from register_maps.words import Side, Table
 from tests.drivers.linked import now
 from tests.drivers.rig import ended
@@ -78,8 +77,6 @@ class Made:
     """Whether the lift holds the door for us."""
     take_away: Callable[[], None]
     """The controller lets go of the door hold by itself."""
-    occupy: Callable[[], None]
-    """The controller has another request to answer first."""
     reading: LiftReading | None = None
 
     def state(self) -> OutputState:
@@ -107,17 +104,13 @@ def modbus(left_on: bool) -> tuple[Made, list[Awaitable[None]]]:
         device.values[Table.COIL][COIL] = 0
 
     is_on = lambda: bool(device.values[Table.COIL].get(COIL, 0))  # noqa: E731
-
-    def occupy() -> None:
-        assert link.read_at_once(frames.read(Table.INPUT, 1, 1, 1), asyncio.get_running_loop().create_future())
-
-    return Made(lift, ByHand(), is_on, take_away, occupy), [link.run(), lift.run()]
+    return Made(lift, ByHand(), is_on, take_away), [link.run(), lift.run()]
 
 
 def scripted(left_on: bool) -> tuple[Made, list[Awaitable[None]]]:
     able = replace(PLAIN, max_hold_s={HOLD.name: 10.0})
     lift = ScriptedDriver(able, AT_L2, left_on=frozenset({HOLD.name} if left_on else ()))
-    made = Made(lift, ByHand(), lambda: HOLD.name in lift.on, lambda: lift.on.discard(HOLD.name), lambda: None)
+    made = Made(lift, ByHand(), lambda: HOLD.name in lift.on, lambda: lift.on.discard(HOLD.name))
     return made, [lift.run()]
 
 
@@ -273,7 +266,6 @@ def test_a_press_leaves_once_is_asked_for_by_its_id_and_ends_once(make: Maker) -
 @on_every_driver
 def test_a_press_that_is_forbidden_at_the_last_moment_is_rejected_with_the_reason(make: Maker) -> None:
     async def check(made: Made) -> None:
-        made.occupy()
         made.driver.press(7, GO2, now() + 10)
         made.above.forbids = "there is a fire"
         await elapse(4.0)
@@ -288,7 +280,6 @@ def test_a_press_that_is_forbidden_at_the_last_moment_is_rejected_with_the_reaso
 @on_every_driver
 def test_a_press_that_is_taken_back_before_it_left_never_leaves(make: Maker) -> None:
     async def check(made: Made) -> None:
-        made.occupy()
         made.driver.press(7, GO2, now() + 10)
         made.driver.cancel(7)
         await elapse(4.0)
@@ -303,7 +294,6 @@ def test_a_press_that_is_taken_back_before_it_left_never_leaves(make: Maker) -> 
 @on_every_driver
 def test_a_newer_press_ends_the_older_one_which_can_then_not_be_taken_back(make: Maker) -> None:
     async def check(made: Made) -> None:
-        made.occupy()
         made.driver.press(7, GO1, now() + 10)
         made.driver.press(8, GO2, now() + 10)
         made.driver.cancel(7)

@@ -317,7 +317,6 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
             script = [(step.request, step.answer, given + step.at_s - 0.01) for step in vector.exchanges]
             bench.extend(script, after=vector.poll_after, wait=vector.shows_after)
             outcome = give(lift, vector.command, press=vector.proof is not None)
-            await elapse(POLL_S)  # it leaves before the next poll
             if vector.let_go_s is not None:
                 await poll(given + vector.let_go_s)
                 assert vector.proof is not None or lift.held(vector.command)
