@@ -330,6 +330,16 @@ MUTANTS: tuple[Mutant, ...] = (
         ),
     ),
     Mutant(
+        "door of a lift that was taken",
+        (
+            Edit(
+                "lift_manager/lift/doors.py",
+                "if is_taken and record.observation is not None and not has_no_open_door(record.observation.values):",
+                "if False:",
+            ),
+        ),
+    ),
+    Mutant(
         "wait for the row of a press",
         (
             Edit(

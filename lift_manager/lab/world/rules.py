@@ -45,7 +45,7 @@ from lift_manager.lift.state import LiftState, Quality
 from lift_manager.runtime.bus import Event
 from lift_manager.runtime.errors import RequestRefused
 from register_maps.frames import parse_request
-from register_maps.words import Mode
+from register_maps.words import Door, Mode
 from simulator.faults import PowerLoss
 from simulator.wire_faults import Exchange
 
@@ -112,6 +112,8 @@ class _LiftNotes:
     """When a published state was last open for the robot of a session."""
     invited: tuple[Holder, FloorName | None] | None = None
     """The holder and the floor of that invitation."""
+    taken_from: Holder | None = None
+    """From whom the lift was taken while a door was said not to be closed, until one is said to be."""
     gave_up_at: dict[Holder, float] = field(default_factory=dict)
     """When each holder last requested no door hold, or another floor."""
     off_at: dict[str, float] = field(default_factory=dict)
@@ -199,6 +201,8 @@ class Rules:
         if state.quality is not Quality.LIVE:
             return
         notes.live_at = at
+        if not _says_not_closed(state):
+            notes.taken_from = None
         if state.standing and state.floor is not None and notes.standing_calls:
             # the manager takes the car to be there; if it is not, another rule finds that
             notes.mark_reached(state.floor)
@@ -243,9 +247,12 @@ class Rules:
         match event:
             case SessionOpened() | SessionRestored() | HandedOver():
                 self._check_holder(at, event)
-            case SessionEnded(lift=lift):
+            case SessionEnded(lift=lift, holder=holder, advice=advice):
                 notes = self._notes[lift]
                 notes.session, notes.floor = None, None
+                # a holder that has ended its session itself gets no advice
+                if advice is not None and notes.state is not None and _says_not_closed(notes.state):
+                    notes.taken_from = holder
                 notes.calls.clear()
                 notes.standing_calls.clear()
                 if notes.pressed_something:
@@ -311,6 +318,7 @@ class Rules:
             for notes in self._notes.values():
                 # if the session continues, the manager reports that it is restored
                 notes.session, notes.floor, notes.restarted_at, notes.requested_since = None, None, at, {}
+                notes.taken_from = None  # what is known of a door does not outlive the manager
                 notes.rests_until = -math.inf
                 notes.calls.clear()
                 notes.undecided.clear()
@@ -385,12 +393,15 @@ class Rules:
         self._find_unless(blinded, at, lift, "the door fell while a robot was invited", text)
 
     def _check_invitation(self, at: float, lift: str, notes: _LiftNotes, state: LiftState) -> None:
-        """Check that a lift invites nobody after a fire or in a lockout."""
+        """Check that a lift invites nobody after a fire, in a lockout, or through a door that may still be open for its last holder."""
         if at > notes.fire_since + KNOWN_WITHIN_S:
             text = f"at {state.floor}; nobody has acknowledged it"
             self._oracle.report(at, lift, "said open after a fire", text)
         if at > notes.locked_since + KNOWN_WITHIN_S:
             self._oracle.report(at, lift, "said open in a lockout", f"at {state.floor}")
+        if state.holder is None and notes.taken_from is not None:
+            text = f"at {state.floor}; {notes.taken_from} may not know yet that it lost the lift"
+            self._oracle.report(at, lift, "said open after it was taken", text)
 
     def _check_lockout(
         self, at: float, lift: str, notes: _LiftNotes, commands: frozenset[str], kept: Collection[str]
@@ -483,6 +494,10 @@ class Rules:
         if notes.truth is None or pressed_at > notes.restarted_at or key[1] not in range(len(floors)):
             return False
         return floors[key[1]] in notes.truth.calls
+
+
+def _says_not_closed(state: LiftState) -> bool:
+    return any(door is not Door.CLOSED for door in state.doors.values())
 
 
 def _track_holds(at: float, notes: _LiftNotes, truth: Truth) -> None:

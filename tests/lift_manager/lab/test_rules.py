@@ -23,9 +23,9 @@ from lift_manager.lift.events import (
 )
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
-from lift_manager.lift.session import EndReason, Holder
+from lift_manager.lift.session import Advice, EndReason, Holder
 from lift_manager.lift.state import LiftState
-from register_maps.words import Mode
+from register_maps.words import Door, Mode, Side
 from simulator.faults import Fault, ForeignWriter, FrozenRegisters, PowerLoss, Stopped
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, judge, polled, state
 
@@ -93,6 +93,29 @@ def test_a_fire_that_is_acknowledged_while_it_is_on_is_found() -> None:
     rules.on_state(1.0, "lift", on_fire())
     rules.on_event(2.0, ACKNOWLEDGED)
     assert found(oracle) == ["acknowledged while on"]
+
+
+@pytest.mark.parametrize(
+    ("advice", "shuts", "findings"),
+    [
+        (Advice.CLEAR_DOORWAY, False, ["said open after it was taken"]),
+        (Advice.CLEAR_DOORWAY, True, []),
+        (None, False, []),
+    ],
+    ids=["still open", "shut and opened again", "ended by its holder"],
+)
+def test_a_lift_that_says_open_after_it_was_taken_from_its_holder_is_found_until_its_door_has_shut(
+    advice: Advice | None, shuts: bool, findings: list[str]
+) -> None:
+    oracle, rules = book()
+    is_open, is_shut = {Side.FRONT: Door.OPEN}, {Side.FRONT: Door.CLOSED}
+    rules.on_event(1.0, opened())
+    rules.on_state(2.0, "lift", state(robot_door=RobotDoor.MOVING, doors=is_open))
+    rules.on_event(3.0, SessionEnded("lift", ROBOT, EndReason.LEASE, "", advice))
+    if shuts:
+        rules.on_state(4.0, "lift", state(holder=None, robot_door=RobotDoor.CLOSED, doors=is_shut))
+    rules.on_state(5.0, "lift", state(holder=None, doors=is_open))
+    assert found(oracle) == findings
 
 
 def test_whoever_is_let_in_or_presses_in_a_lockout_is_found() -> None:
