@@ -171,6 +171,11 @@ def has_no_open_door(values: LiftValues) -> bool:
     return all(door is Door.CLOSED for door in values.doors.values())
 
 
+def have_shut(observation: Observation) -> bool:
+    """Whether no door is open, or may still be closing."""
+    return all(door is Door.CLOSED for door in observation.doors.values())
+
+
 def may_be_moving(observation: Observation) -> bool:
     """Whether the car moves or may move: anything but a clear "stopped", or not seen to stand where no motion is reported."""
     motion = observation.values.motion

@@ -201,7 +201,7 @@ class Rules:
         if state.quality is not Quality.LIVE:
             return
         notes.live_at = at
-        if not _says_not_closed(state):
+        if not _reports_open_door(state):
             notes.taken_from = None
         if state.standing and state.floor is not None and notes.standing_calls:
             # the manager takes the car to be there; if it is not, another rule finds that
@@ -251,7 +251,7 @@ class Rules:
                 notes = self._notes[lift]
                 notes.session, notes.floor = None, None
                 # a holder that has ended its session itself gets no advice
-                if advice is not None and notes.state is not None and _says_not_closed(notes.state):
+                if advice is not None and notes.state is not None and _reports_open_door(notes.state):
                     notes.taken_from = holder
                 notes.calls.clear()
                 notes.standing_calls.clear()
@@ -496,7 +496,7 @@ class Rules:
         return floors[key[1]] in notes.truth.calls
 
 
-def _says_not_closed(state: LiftState) -> bool:
+def _reports_open_door(state: LiftState) -> bool:
     return any(door is not Door.CLOSED for door in state.doors.values())
 
 

@@ -1,5 +1,7 @@
 """One trip, from the request to the robot's exit: what is pressed, held, published and released."""
 
+from dataclasses import replace
+
 import pytest
 
 from drivers.model import OutputState, Result
@@ -9,7 +11,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason
 from register_maps.words import Door, Motion
-from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, RMF, ROBOT, PaperLift
+from tests.lift_manager.lift.paper import FRONT, HANDSHAKE, OTHER, PLAIN, RMF, ROBOT, PaperLift
 
 
 def ended(lift: PaperLift) -> list[EndReason]:
@@ -200,6 +202,24 @@ def test_a_door_that_was_open_when_its_lift_was_taken_from_its_holder_invites_no
     lift.wait(1.0)
     told = [lift.door]
     lift.read("L3", Door.CLOSED)
+    lift.read("L3", Door.OPEN)
+    lift.wait(1.0)
+    told.append(lift.door)
+    assert told == [RobotDoor.MOVING, RobotDoor.OPEN]
+
+
+def test_a_door_that_may_still_be_closing_when_its_lift_is_taken_has_not_shut_if_it_opens_again() -> None:
+    lift = PaperLift(replace(PLAIN, open_contacts=frozenset({FRONT})))
+    lift.called_to("L2")
+    lift.status.clear()
+    lift = lift.restarted()
+    lift.read("L3", Door.CLOSED)  # its contact only says that it is not open
+    lift.take(ForceRelease("the guard", "it blocks the lift"))
+    lift.read("L3", Door.OPEN)
+    lift.wait(1.0)
+    told = [lift.door]
+    lift.read("L3", Door.CLOSED)
+    lift.wait(PLAIN.door_closes_within_s + 1.0)
     lift.read("L3", Door.OPEN)
     lift.wait(1.0)
     told.append(lift.door)
