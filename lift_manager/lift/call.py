@@ -245,7 +245,7 @@ def _still_arrived(
     if _is_gone(call, observation):
         return call_failed(call, "the car was taken away", now)
     opens = capabilities.same_floor_call or is_hold
-    shut = has_no_open_door(observation.values)
+    shut = has_no_open_door(observation.values.doors)
     if not (is_here and opens and capabilities.evidence == "door_open" and shut):
         return call if call.shut_since is None else replace(call, shut_since=None)
     if call.shut_since is None:
@@ -258,7 +258,7 @@ def _must_open(call: Call, observation: Observation, capabilities: Capabilities,
 
     A failed call waits for the next repeat or an open door: a car that merely stands there has not responded to the call.
     """
-    if not capabilities.same_floor_call or not has_no_open_door(observation.values):
+    if not capabilities.same_floor_call or not has_no_open_door(observation.values.doors):
         return False
     return call.phase in (CallPhase.REQUESTED, CallPhase.FAILED) or (
         call.phase is CallPhase.ARRIVED and now - call.since > capabilities.door_opens_within_s
@@ -269,7 +269,7 @@ def _is_gone(call: Call, observation: Observation) -> bool:
     """Whether the car left; re-levelling with the door open is not leaving."""
     if observation.floor is not None:
         return observation.floor != call.floor
-    return has_no_open_door(observation.values)
+    return has_no_open_door(observation.values.doors)
 
 
 def _is_shown(call: Call, observation: Observation, capabilities: Capabilities) -> bool:

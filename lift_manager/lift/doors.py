@@ -16,7 +16,7 @@ from lift_manager.lift.lease import hold_ends_at, releases_at
 from lift_manager.lift.observation import (
     Observation,
     has_departed,
-    have_shut,
+    has_no_open_door,
     is_closing,
     robot_mode_granted,
 )
@@ -80,7 +80,7 @@ def is_left_open(config: LiftConfig, record: LiftRecord, *, is_taken: bool) -> b
     That is one that is held, also by a call whose outcome is still to come. Where the lift `is_taken` from its holder, who may
     not know of it yet, it is every door that was not read shut.
     """
-    if is_taken and record.observation is not None and not have_shut(record.observation):
+    if is_taken and record.observation is not None and not has_no_open_door(record.observation.doors):
         return True
     kept_by_call = call_output.call_keeps_door(record) and not call_output.call_is_lost(record)
     return may_be_crossed(config, record) or (record.call_has_arrived and kept_by_call)

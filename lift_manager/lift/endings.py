@@ -27,7 +27,7 @@ from lift_manager.lift.events import (
 from lift_manager.lift.inhibits import held_by_another
 from lift_manager.lift.lease import time_is_over
 from lift_manager.lift.modes import is_on_fire, robots_forbidden
-from lift_manager.lift.observation import Observation, have_shut, may_be_moving
+from lift_manager.lift.observation import Observation, has_no_open_door, may_be_moving
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.record import Silence
 from lift_manager.lift.refusals import STOPPING, Refusal, Refused, how_to_acknowledge
@@ -160,7 +160,7 @@ def end_what_is_over(draft: Draft) -> None:
 def forget_released_door(draft: Draft) -> None:
     """Forget a door that was released open once a later reading shows it shut: one that is still opening as it is released stands open."""
     observation = draft.observation
-    if draft.record.released_open and observation is not None and have_shut(observation):
+    if draft.record.released_open and observation is not None and has_no_open_door(observation.doors):
         draft.change(released_open=False)
 
 

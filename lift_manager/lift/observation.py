@@ -166,14 +166,9 @@ def is_shut(values: LiftValues) -> bool:
     return bool(values.doors) and all(door is Door.CLOSED for door in values.doors.values())
 
 
-def has_no_open_door(values: LiftValues) -> bool:
-    """Whether every door reads closed, or the lift reports no door."""
-    return all(door is Door.CLOSED for door in values.doors.values())
-
-
-def have_shut(observation: Observation) -> bool:
-    """Whether no door is open, or may still be closing."""
-    return all(door is Door.CLOSED for door in observation.doors.values())
+def has_no_open_door(doors: Mapping[Side, Door]) -> bool:
+    """Whether every one of these doors is closed, or there is none: as it reads, or in `Observation.doors` once it had time to close."""
+    return all(door is Door.CLOSED for door in doors.values())
 
 
 def may_be_moving(observation: Observation) -> bool:

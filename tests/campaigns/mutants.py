@@ -334,7 +334,7 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/lift/doors.py",
-                "if is_taken and record.observation is not None and not have_shut(record.observation):",
+                "if is_taken and record.observation is not None and not has_no_open_door(record.observation.doors):",
                 "if False:",
             ),
         ),
