@@ -159,7 +159,7 @@ def test_an_abstract_socket_is_found() -> None:
 
 @each_row(
     ("told", "watchdog_s"),
-    lambda: [  # when the test runs: the process is another one than that which has collected it
+    [
         ({"WATCHDOG_USEC": "30000000"}, 30.0),
         ({"WATCHDOG_USEC": "30000000", "WATCHDOG_PID": str(os.getpid())}, 30.0),
         ({"WATCHDOG_USEC": "30000000", "WATCHDOG_PID": "1"}, None),
